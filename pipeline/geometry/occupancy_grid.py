@@ -54,8 +54,8 @@ class OccupancyGrid:
 
     def cell_centres(self, mask: Mask) -> Array:
         """(N, 2) [m] in m: centres of the cells that the mask selects, row by row."""
-        row_col = np.argwhere(mask)
-        return self.T_m_g @ (self.resolution_m * (row_col[:, ::-1] + 0.5))
+        col_row = np.argwhere(mask)[:, ::-1].astype(np.float64)
+        return self.T_m_g @ (self.resolution_m * (col_row + 0.5))
 
     def cell_of(self, p_m: Array) -> NDArray[np.int64]:
         """(N, 2) row, col of the cells that hold points (N, 2) [m] in m; may lie outside the grid."""
