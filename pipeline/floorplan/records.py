@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
+from shapely import Polygon
 
 from pipeline.errors import FloorplanError
 from pipeline.geometry.se2 import SE2, Array
@@ -50,6 +51,10 @@ class Floorplan:
             h.update(len(ring).to_bytes(4, "little"))
             h.update(np.round(ring * 1000.0).astype("<i8").tobytes())
         return h.hexdigest()
+
+    def free_space(self) -> Polygon:
+        """The free space as a polygon [m]: inside the outline, outside the holes."""
+        return Polygon(self.outline_m, self.holes_m)
 
     def edges_m(self) -> Array:
         """(E, 4) x0, y0, x1, y1 [m] of all wall faces; free space lies to the left of each."""
