@@ -65,7 +65,7 @@ def ghost_cells(
     Args:
         grid: the map, in frame m.
         T_w_m: pose of the map in the plan.
-        segments_w_m: (E, 4) x0, y0, x1, y1 [m] of every true face of wall and furniture at the lidar's height.
+        segments_w_m: (E, 4) x0, y0, x1, y1 [m] of every true face of wall and furniture that the lidar sees.
         other_path_w_m: (N, 2) [m] true positions of the other robot.
         clear_m: farther than this from every face, a cell is no wall drawn a little off.
         near_path_m: within this of the other robot's path, the robot is what was seen there.

@@ -1,0 +1,125 @@
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pipeline.evaluation.metrics import distance_to_segments, ghost_cells, pose_error, wall_agreement
+from pipeline.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, grid_from_png
+from pipeline.geometry.se2 import SE2
+from tests.synthetic import RESOLUTION_M, building, synthetic_row
+
+poses = st.builds(SE2, st.floats(-5, 5), st.floats(-5, 5), st.floats(-3.2, 3.2))
+
+
+def _grids(row):
+    return [
+        grid_from_png(row[f"map_{i}"], resolution_m=row["resolution_m"], T_m_g=row[f"origin_{i}"])
+        for i in "01"
+    ]
+
+
+@cache
+def _row(seed: int):
+    return synthetic_row(np.random.default_rng(seed), plan=seed)
+
+
+@pytest.fixture(scope="module", params=range(4))
+def row(request):
+    return _row(request.param)
+
+
+def test_local_transform_is_the_chain_through_the_meeting(row):
+    chain = row["T_m0_r0"] @ row["T_r0_r1_true"] @ row["T_m1_r1"].inverse()
+    assert row["T_m0_m1_local"].as_array() == pytest.approx(chain.wrapped().as_array(), abs=1e-12)
+
+
+def test_local_transform_is_the_start_transform_when_slam_is_right(row):
+    chain = row["T_m0_r0_true"] @ row["T_r0_r1_true"] @ row["T_m1_r1_true"].inverse()
+    assert chain.wrapped().as_array() == pytest.approx(row["T_m0_m1"].as_array(), abs=1e-12)
+
+
+def test_rightly_aligned_maps_pass_the_check(row):
+    agreement = wall_agreement(*_grids(row), row["T_m0_m1_local"])
+    assert agreement.compared > 100
+    assert agreement.share >= 0.95
+
+
+@pytest.mark.parametrize("shift", [SE2(0.3, 0, 0), SE2(0, 0.3, 0), SE2(0, 0, 0.0524), SE2(0, 0, -0.0524)])
+def test_maps_off_by_30_cm_or_3_degrees_fail_the_check(shift):
+    # The hardest turn is the one about the meeting point, where the maps overlap.
+    shares = []
+    for seed in range(6):
+        row = _row(seed)
+        C = SE2(row["T_m0_r0"].x_m, row["T_m0_r0"].y_m, 0.0)
+        wrong = C @ shift @ C.inverse() @ row["T_m0_m1_local"]
+        shares.append(wall_agreement(*_grids(row), wrong).share)
+    assert np.median(shares) < 0.95
+
+
+def test_agreement_is_the_same_from_either_map(row):
+    grids = _grids(row)
+    there = wall_agreement(grids[0], grids[1], row["T_m0_m1"])
+    assert wall_agreement(grids[1], grids[0], row["T_m0_m1"].inverse()) == there
+
+
+def _wall(col: int) -> OccupancyGrid:
+    cells = np.full((10, 40), FREE, np.uint8)
+    cells[:, col] = OCCUPIED
+    return OccupancyGrid(cells=cells, resolution_m=RESOLUTION_M, T_m_g=SE2.identity())
+
+
+@pytest.mark.parametrize(("cells_apart", "share"), [(0, 1.0), (1, 1.0), (2, 1.0), (3, 0.0)])
+def test_walls_agree_up_to_ten_centimetres(cells_apart, share):
+    # 2 cells are 0.10 m up to rounding: the tolerance of the check is inclusive.
+    agreement = wall_agreement(_wall(20), _wall(20 + cells_apart), SE2.identity(), tolerance_m=0.10 + 1e-9)
+    assert agreement.compared == 20
+    assert agreement.share == share
+
+
+def test_walls_outside_the_other_map_are_not_compared():
+    unknown = OccupancyGrid(
+        cells=np.full((10, 40), UNKNOWN, np.uint8), resolution_m=RESOLUTION_M, T_m_g=SE2.identity()
+    )
+    agreement = wall_agreement(_wall(20), unknown, SE2.identity())
+    assert (agreement.compared, agreement.share) == (0, None)
+
+
+@given(poses)
+def test_distance_to_a_segment_moves_with_it(T):
+    points, segments = np.array([[0.5, 2.0], [-3.0, 4.0], [4.0, 0.0]]), np.array([[0.0, 0.0, 1.0, 0.0]])
+    moved = np.hstack([T @ segments[:, :2], T @ segments[:, 2:]])
+    assert distance_to_segments(T @ points, moved) == pytest.approx([2.0, 5.0, 3.0], abs=1e-9)
+
+
+def test_nearest_of_several_segments_counts():
+    segments = np.array([[0.0, 0.0, 1.0, 0.0], [0.0, 3.0, 1.0, 3.0]])
+    assert distance_to_segments(np.array([[0.5, 2.0]]), segments) == pytest.approx([1.0])
+    assert distance_to_segments(np.zeros((2, 2)), np.zeros((0, 4))) == pytest.approx([np.inf, np.inf])
+
+
+def test_only_cells_on_the_other_robots_path_and_off_the_walls_are_ghosts():
+    house = building(np.random.default_rng(0))
+    T_w_m = SE2(1.0, 4.0, 0.2)
+    cells = np.full((200, 300), FREE, np.uint8)
+    grid = OccupancyGrid(cells=cells, resolution_m=RESOLUTION_M, T_m_g=SE2(-1.0, -4.0, 0.0))
+    path_w_m = np.array([[6.0, 4.5], [7.0, 4.5]])
+    marks_w_m = np.array([[6.1, 4.55], [9.0, 4.5], [0.1, 4.0]])
+    for row, col in grid.cell_of(T_w_m.inverse() @ marks_w_m):
+        grid.cells[row, col] = OCCUPIED
+    ghosts = ghost_cells(grid, T_w_m, house.segments_m, path_w_m)
+    assert ghosts.sum() == 1
+    assert T_w_m @ grid.cell_centres(ghosts)[0] == pytest.approx(marks_w_m[0], abs=RESOLUTION_M)
+    at_the_wall = ghost_cells(grid, T_w_m, house.segments_m, np.array([[0.2, 4.0]]))
+    assert not at_the_wall.any()
+
+
+@given(poses, poses)
+def test_pose_error_is_the_length_and_turn_between_poses(T, D):
+    error = pose_error(T @ D, T)
+    assert error.position_m == pytest.approx(np.hypot(D.x_m, D.y_m), abs=1e-9)
+    assert np.cos(error.heading_rad) == pytest.approx(np.cos(D.yaw_rad), abs=1e-9)
+    assert 0.0 <= error.heading_rad <= np.pi
