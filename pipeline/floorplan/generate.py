@@ -112,6 +112,8 @@ def _built(
     least_m, most_m = parameters.wall_thickness_m
     wall_m = least_m + (most_m - least_m) * rng.beta(1.3, 3.0)
     rooms = [cell.buffer(-0.5 * wall_m, join_style="mitre") for cell in layout.cells]
+    if not all(isinstance(room, Polygon) and not room.is_empty for room in rooms):
+        raise FloorplanError(f"{plan_id}: a room falls apart between walls of {wall_m:.2f} m")
     walls = shared_walls(layout.cells)
     solids = [*layout.posts, *_thick_walls(list(walls.values()), rng, wall_m, most_m)]
     openings = []

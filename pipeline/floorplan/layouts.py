@@ -92,7 +92,10 @@ def hall(rng: np.random.Generator, *, slanted: bool) -> Layout:
 
 
 def tapered(layout: Layout, rng: np.random.Generator) -> Layout:
-    """The layout of a building that narrows to one side: a mild projective map keeps straight walls straight."""
+    """The layout of a building that narrows to one side.
+
+    A mild projective map: straight walls stay straight.
+    """
     # Uniform: 0.6 to 1.6 % per metre.
     k = rng.choice([-1.0, 1.0]) * rng.uniform(0.006, 0.016)
     along_x = rng.random() < 0.5

@@ -159,7 +159,7 @@ def _is_roomy(cell: Polygon, min_side_m: float) -> bool:
 
 def _edges(cell: Polygon) -> Array:
     """(E, 2, 2) start and end of every edge."""
-    ring_m = np.asarray(cell.exterior.coords)
+    ring_m = np.asarray(shapely.remove_repeated_points(cell.exterior, 1e-6).coords)
     return np.stack([ring_m[:-1], ring_m[1:]], axis=1)
 
 

@@ -19,7 +19,7 @@ PRECISION_M = 0.001
 """Vertices lie on this grid, so that a plan written to a file and read again is the same plan."""
 
 RASTER_STEP_M = 0.01
-"""HouseExpo's outlines were traced on pixels of this size; vertices within it of a straight line are noise."""
+"""HouseExpo's outlines were traced on pixels of this size; a vertex this close to a straight line is noise."""
 
 OPENING_M = 0.005
 """Half the width of the slits that are closed where an outline touches itself."""
@@ -161,7 +161,7 @@ def _check_reachable(floorplan: Floorplan, limits: FloorplanLimits) -> None:
 
 
 def _repaired(floorplan: Floorplan, limits: FloorplanLimits) -> Polygon:
-    """One clean polygon on the mm grid, without duplicate and collinear vertices, outline counter-clockwise."""
+    """One clean polygon on the mm grid, without duplicate and collinear vertices, counter-clockwise."""
     free = floorplan.free_space()
     if not _is_clean(free):
         free = _uncrossed(floorplan, limits)
