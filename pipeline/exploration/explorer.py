@@ -1,0 +1,211 @@
+"""One exploring robot: what it measures goes in, what it commands comes out.
+
+It knows its encoders, its lidar and its own map; nothing of the truth, nothing of the other robot.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipeline.exploration.frontier import PlanningMap, Reach, frontiers, path_m, planning_map, reach
+from pipeline.geometry.se2 import Array
+from pipeline.simulation.lidar import beam_bearings
+from pipeline.simulation.robot import RobotSpec
+from pipeline.slam.odometry import WheelOdometry
+from pipeline.slam.slam import Slam, SlamParameters, Sweep, compose, relative
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ExplorerParameters:
+    """How a robot explores.
+
+    Attributes:
+        hard_clearance_m, soft_clearance_m: see `frontier.reach`.
+        least_frontier_m: shorter frontiers are not worth a visit.
+        gain: metres of travel that a metre of frontier is worth.
+        replan_s: how long a plan is followed at most before the map is looked at again.
+        lookahead_m: distance to the point of the path that is steered for.
+        turn_gain: turn rate per heading error [1/s].
+        turn_limit_radps: largest turn rate; a lidar sweep skews with it.
+        turn_first_rad: with a larger heading error the robot turns on the spot.
+        stuck_s: without progress for so long, it backs off and looks for another goal.
+    """
+
+    hard_clearance_m: float = 0.13
+    soft_clearance_m: float = 0.30
+    least_frontier_m: float = 0.4
+    gain: float = 0.6
+    replan_s: float = 4.0
+    lookahead_m: float = 0.30
+    turn_gain: float = 2.5
+    turn_limit_radps: float = 1.5
+    turn_first_rad: float = 0.8
+    stuck_s: float = 5.0
+
+
+_BACK_OFF_S = 1.2
+_BUMPER_M = (0.16, 0.09)
+"""Ahead and to each side of r: with a surface in there the robot does not drive on."""
+
+
+class Explorer:
+    """Odometry, SLAM, frontier planning and path following of one robot.
+
+    Args:
+        spec: the robot.
+        slam: settings.
+        parameters: settings.
+        rng: draws where to go once everything is explored, and how to back off.
+    """
+
+    def __init__(
+        self,
+        spec: RobotSpec,
+        *,
+        slam: SlamParameters,
+        parameters: ExplorerParameters,
+        rng: np.random.Generator,
+    ) -> None:
+        self._spec = spec
+        self._p = parameters
+        self._rng = rng
+        self.slam = Slam(bearings_rad=beam_bearings(spec.lidar), lidar_x_m=spec.lidar.x_m, parameters=slam)
+        self._odometry = WheelOdometry(wheel_radius_m=spec.wheels.radius_m, track_m=spec.wheels.track_m)
+        self._knots: list[Array] = []
+        self._time_s = 0.0
+        self._path_m = np.zeros((0, 2))
+        self._plan_until_s = 0.0
+        self._shunned: list[tuple[float, float, float]] = []
+        self._progress = np.zeros(3)
+        self._progress_s = 0.0
+        self._back_off_until_s = 0.0
+        self._back_off_turn = 0.0
+        self._blocked = False
+
+    def read_encoders(self, time_s: float, wheels_rad: tuple[float, float]) -> None:
+        """Take a reading of the wheel angles (left, right)."""
+        self._time_s = time_s
+        self._odometry.update(wheels_rad)
+        self._knots.append(self._odometry.pose())
+
+    def read_lidar(self, ranges_m: Array) -> None:
+        """Take the sweep that ended with the last encoder reading: (B,) [m]."""
+        self.slam.update(Sweep(ranges_m=ranges_m, odometry=np.array(self._knots)))
+        self._knots = self._knots[-1:]
+        points = self.slam.points_m
+        ahead, aside = _BUMPER_M
+        self._blocked = bool(
+            np.any((points[:, 0] > 0.0) & (points[:, 0] < ahead) & (np.abs(points[:, 1]) < aside))
+        )
+
+    def odometry_pose(self) -> Array:
+        """(3,) dead-reckoned pose, its origin at the start."""
+        return self._odometry.pose()
+
+    def pose(self) -> Array:
+        """(3,) pose in the map: SLAM's last one carried on by odometry."""
+        return compose(self.slam.pose(), relative(self._knots[0], self._knots[-1]))
+
+    def twist(self) -> tuple[float, float]:
+        """Speed [m/s] and turn rate [rad/s] to drive with until the next reading."""
+        pose = self.pose()
+        if self._time_s < self._back_off_until_s:
+            return -0.5 * self._spec.max_speed_mps, self._back_off_turn
+        if self._is_stuck(pose):
+            return self._back_off()
+        if self._wants_plan(pose):
+            self._make_plan(pose)
+        if len(self._path_m) == 0:
+            return 0.0, 0.5 * self._p.turn_limit_radps
+        return self._follow(pose)
+
+    def _follow(self, pose: Array) -> tuple[float, float]:
+        """Pure pursuit of the path, turning on the spot for large errors."""
+        p = self._p
+        offset_m = self._path_m - pose[:2]
+        distance_m = np.hypot(offset_m[:, 0], offset_m[:, 1])
+        nearest = int(np.argmin(distance_m))
+        beyond = np.flatnonzero(distance_m[nearest:] > p.lookahead_m)
+        target = nearest + int(beyond[0]) if beyond.size else len(self._path_m) - 1
+        self._path_m = self._path_m[nearest:]
+        error = math.remainder(math.atan2(offset_m[target, 1], offset_m[target, 0]) - pose[2], 2.0 * math.pi)
+        turn = max(-p.turn_limit_radps, min(p.turn_limit_radps, p.turn_gain * error))
+        if abs(error) > p.turn_first_rad:
+            return 0.0, turn
+        if self._blocked:
+            # Something stands where the map had nothing: look again, turning away meanwhile.
+            self._plan_until_s = min(self._plan_until_s, self._time_s + 0.5)
+            return 0.0, math.copysign(0.5, error)
+        return self._spec.max_speed_mps * (1.0 - 0.6 * abs(error) / p.turn_first_rad), turn
+
+    def _wants_plan(self, pose: Array) -> bool:
+        if len(self._path_m) == 0 or self._time_s >= self._plan_until_s:
+            return True
+        goal = self._path_m[-1]
+        return math.hypot(goal[0] - pose[0], goal[1] - pose[1]) < self._p.lookahead_m
+
+    def _make_plan(self, pose: Array) -> None:
+        """Head for the frontier that costs least for its length; with none left, for anywhere."""
+        p = self._p
+        mapping = self.slam.parameters.mapping
+        log_odds, T_m_g = self.slam.mapper.window()
+        plan = planning_map(
+            log_odds, T_m_g, resolution_m=mapping.resolution_m, occupied=mapping.occupied, free=mapping.free
+        )
+        ways = reach(
+            plan,
+            plan.cell_at(pose[0], pose[1]),
+            hard_clearance_m=p.hard_clearance_m,
+            soft_clearance_m=p.soft_clearance_m,
+        )
+        goal = self._frontier_goal(plan, ways, pose) or self._patrol_goal(plan, ways)
+        self._path_m = path_m(plan, ways, goal) if goal is not None else np.zeros((0, 2))
+        self._plan_until_s = self._time_s + p.replan_s
+
+    def _frontier_goal(self, plan: PlanningMap, ways: Reach, pose: Array) -> tuple[int, int] | None:
+        cells, cost_m, length_m = frontiers(plan, ways, least_m=self._p.least_frontier_m)
+        self._shunned = [s for s in self._shunned if s[2] > self._time_s]
+        best, best_score = None, math.inf
+        for (row, col), cost, length in zip(cells.tolist(), cost_m, length_m, strict=True):
+            x_m, y_m = plan.centre_m(row, col)
+            if any(math.hypot(x_m - sx, y_m - sy) < 0.5 for sx, sy, _ in self._shunned):
+                continue
+            if cost < self._p.lookahead_m:
+                continue
+            score = cost - self._p.gain * length
+            if score < best_score:
+                best, best_score = (row, col), score
+        return best
+
+    def _patrol_goal(self, plan: PlanningMap, ways: Reach) -> tuple[int, int] | None:
+        """Uniform over the reachable cells with room to turn."""
+        if len(self._path_m) > 1 and self._time_s >= self._plan_until_s:
+            row, col = plan.cell_at(*self._path_m[-1])
+            if ways.reachable()[row, col]:
+                return row, col
+        cells = np.argwhere(ways.reachable() & (plan.clearance_m > self._p.soft_clearance_m))
+        if len(cells) == 0:
+            return None
+        row, col = cells[self._rng.integers(len(cells))]
+        return int(row), int(col)
+
+    def _is_stuck(self, pose: Array) -> bool:
+        moved = relative(self._progress, pose)
+        if math.hypot(moved[0], moved[1]) > 0.10 or abs(moved[2]) > 0.6:
+            self._progress, self._progress_s = pose, self._time_s
+        return self._time_s - self._progress_s > self._p.stuck_s
+
+    def _back_off(self) -> tuple[float, float]:
+        """Reverse along a random arc, and leave this goal alone for a while."""
+        if len(self._path_m):
+            goal = self._path_m[-1]
+            self._shunned.append((float(goal[0]), float(goal[1]), self._time_s + 30.0))
+        self._path_m = np.zeros((0, 2))
+        self._progress_s = self._time_s
+        self._back_off_until_s = self._time_s + _BACK_OFF_S
+        # Uniform turn rate: two robots that block each other part ways.
+        self._back_off_turn = float(self._rng.uniform(-1.0, 1.0))
+        return -0.5 * self._spec.max_speed_mps, self._back_off_turn

@@ -1,0 +1,175 @@
+"""Physics of the robots: commands in, true poses and encoder readings out."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from pipeline.geometry.se2 import Array
+from pipeline.simulation.robot import RobotSpec
+from pipeline.simulation.world import TIMESTEP_S, Drive
+
+TICK_S = 0.05
+"""Period of the wheel controller and of the encoders (20 Hz)."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OdometryNoise:
+    """What the encoders add to the slip that physics gives.
+
+    Attributes:
+        scale_sigma: sigma of each wheel's constant scale error (wear, tyre, calibration).
+        tick_rad: size of an encoder step (XL430: 4096 steps a turn).
+        jitter_rad: sigma of each reading.
+        planar_slip: sigma of the relative slip of each wheel and tick under `planar` drive, where physics
+            has no wheels to slip.
+    """
+
+    scale_sigma: float = 0.005
+    tick_rad: float = 2.0 * math.pi / 4096
+    jitter_rad: float = 0.001
+    planar_slip: float = 0.02
+
+
+class Encoder:
+    """The two wheel encoders of one robot."""
+
+    def __init__(self, noise: OdometryNoise, *, rng: np.random.Generator) -> None:
+        self._noise = noise
+        self._rng = rng
+        # Normal: one constant scale error per wheel and episode.
+        self._scale = 1.0 + noise.scale_sigma * rng.standard_normal(2)
+
+    def read(self, wheels_rad: tuple[float, float]) -> tuple[float, float]:
+        """Left and right wheel angle [rad] as the encoders report them."""
+        # Normal jitter of each reading, then steps.
+        jitter = self._rng.standard_normal(2)
+        noise = self._noise
+        left = wheels_rad[0] * self._scale[0] + noise.jitter_rad * jitter[0]
+        right = wheels_rad[1] * self._scale[1] + noise.jitter_rad * jitter[1]
+        return (
+            math.floor(left / noise.tick_rad) * noise.tick_rad,
+            math.floor(right / noise.tick_rad) * noise.tick_rad,
+        )
+
+
+class Physics:
+    """MuJoCo, stepped one controller period at a time.
+
+    Args:
+        mjcf: from `scene_mjcf`, robots named r0, r1, ...
+        robots: the specs that the scene was made from.
+        starts_w: (R, 3) their start poses in w, as in the scene.
+        drive: as in the scene.
+        planar_slip: relative slip per tick under `planar` drive, see `OdometryNoise`.
+        rng: draws that slip.
+    """
+
+    def __init__(
+        self,
+        mjcf: str,
+        robots: Sequence[RobotSpec],
+        starts_w: Array,
+        *,
+        drive: Drive,
+        planar_slip: float,
+        rng: np.random.Generator,
+    ) -> None:
+        self._model = mujoco.MjModel.from_xml_string(mjcf)
+        self._data = mujoco.MjData(self._model)
+        self._robots = robots
+        self._drive = drive
+        self._slip = planar_slip
+        self._rng = rng
+        self._substeps = round(TICK_S / TIMESTEP_S[drive])
+        first_joint = "{}" if drive is Drive.WHEELS else "{}_x"
+        self._qpos = [
+            int(self._model.joint(first_joint.format(f"r{i}")).qposadr[0]) for i in range(len(robots))
+        ]
+        self._starts_w = starts_w
+        self._poses_w = starts_w.copy()
+        self._wheels_rad = np.zeros((len(robots), 2))
+        self._ticks = 0
+
+    def step(self, twists: Sequence[tuple[float, float]]) -> None:
+        """Advance by `TICK_S` with (speed [m/s], turn rate [rad/s]) commanded to each robot.
+
+        Raises:
+            FloatingPointError: the physics diverged.
+        """
+        control = self._data.ctrl
+        for i, (speed_mps, turn_radps) in enumerate(twists):
+            left, right = self._robots[i].wheel_speeds(speed_mps, turn_radps)
+            if self._drive is Drive.WHEELS:
+                control[2 * i], control[2 * i + 1] = left, right
+            else:
+                self._command_planar(i, left, right)
+        mujoco.mj_step(self._model, self._data, nstep=self._substeps)
+        self._ticks += 1
+        before_w = self._poses_w.copy()
+        for i in range(len(self._robots)):
+            self._read_pose(i)
+        if self._drive is Drive.PLANAR:
+            self._turn_planar_wheels(before_w)
+        else:
+            self._read_wheels()
+        if not np.isfinite(self._poses_w).all():
+            raise FloatingPointError(f"the physics diverged at {self.time_s:.2f} s")
+
+    @property
+    def time_s(self) -> float:
+        """Simulated time."""
+        return self._ticks * TICK_S
+
+    def poses_w(self) -> Array:
+        """(R, 3) true x, y [m] and yaw [rad] (unrolled) of each robot in w."""
+        return self._poses_w.copy()
+
+    def wheels_rad(self, robot: int) -> tuple[float, float]:
+        """True left and right wheel angle since the start."""
+        return float(self._wheels_rad[robot, 0]), float(self._wheels_rad[robot, 1])
+
+    def _command_planar(self, i: int, left_radps: float, right_radps: float) -> None:
+        wheels = self._robots[i].wheels
+        speed_mps = 0.5 * wheels.radius_m * (left_radps + right_radps)
+        turn_radps = wheels.radius_m * (right_radps - left_radps) / wheels.track_m
+        # The slides' axes are those of the start pose.
+        heading = self._poses_w[i, 2] - self._starts_w[i, 2] + 0.5 * turn_radps * TICK_S
+        self._data.ctrl[3 * i : 3 * i + 3] = (
+            speed_mps * math.cos(heading),
+            speed_mps * math.sin(heading),
+            turn_radps,
+        )
+
+    def _read_pose(self, i: int) -> None:
+        q = self._data.qpos[self._qpos[i] : self._qpos[i] + 7]
+        pose = self._poses_w[i]
+        if self._drive is Drive.PLANAR:
+            start = self._starts_w[i]
+            c, s = math.cos(start[2]), math.sin(start[2])
+            pose[:] = (start[0] + c * q[0] - s * q[1], start[1] + s * q[0] + c * q[1], start[2] + q[2])
+            return
+        w, x, y, z = q[3], q[4], q[5], q[6]
+        yaw = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+        pose[:] = (q[0], q[1], pose[2] + math.remainder(yaw - pose[2], 2.0 * math.pi))
+
+    def _read_wheels(self) -> None:
+        for i in range(len(self._robots)):
+            # The wheels' hinges follow the robot's free joint.
+            a = self._qpos[i] + 7
+            self._wheels_rad[i] = self._data.qpos[a : a + 2]
+
+    def _turn_planar_wheels(self, before_w: Array) -> None:
+        """Wheel angles that would have given the motion, with relative normal slip per wheel and tick."""
+        slip = 1.0 + self._slip * self._rng.standard_normal((len(self._robots), 2))
+        for i, spec in enumerate(self._robots):
+            dx, dy, turn = self._poses_w[i] - before_w[i]
+            heading = before_w[i, 2] + 0.5 * turn
+            forward = math.cos(heading) * dx + math.sin(heading) * dy
+            half_turn_m = 0.5 * spec.wheels.track_m * turn
+            turned = np.array([forward - half_turn_m, forward + half_turn_m]) / spec.wheels.radius_m
+            self._wheels_rad[i] += turned * slip[i]

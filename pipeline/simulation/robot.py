@@ -1,0 +1,140 @@
+"""A differential-drive robot: dimensions, limits, sensors. Frame r: on the floor between the wheels."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipeline.errors import ConfigError
+from pipeline.geometry.camera import PinholeCamera, camera_pose
+from pipeline.geometry.se2 import Array
+
+Vec3 = tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Chassis:
+    """The body as an upright cylinder [m]."""
+
+    radius_m: float
+    centre_x_m: float
+    bottom_z_m: float
+    top_z_m: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Wheels:
+    """The two driven wheels; `mass_kg` is one wheel's."""
+
+    radius_m: float
+    width_m: float
+    track_m: float
+    mass_kg: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Caster:
+    """The passive ball caster behind the wheels."""
+
+    x_m: float
+    radius_m: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LidarSpec:
+    """A spinning lidar on the robot's axis; its axes are those of r."""
+
+    x_m: float
+    z_m: float
+    cap_radius_m: float
+    beams: int
+    rate_hz: float
+    range_min_m: float
+    range_max_m: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CameraSpec:
+    """A camera's mounting (of its body, x forward) and intrinsics."""
+
+    xyz_m: Vec3
+    rpy_rad: Vec3
+    fx_px: float
+    fy_px: float
+    cx_px: float
+    cy_px: float
+    width_px: int
+    height_px: int
+
+    def intrinsics(self) -> PinholeCamera:
+        """The pinhole model."""
+        return PinholeCamera(
+            fx_px=self.fx_px,
+            fy_px=self.fy_px,
+            cx_px=self.cx_px,
+            cy_px=self.cy_px,
+            width_px=self.width_px,
+            height_px=self.height_px,
+        )
+
+    def T_r_c(self) -> Array:
+        """(4, 4) pose of the optical frame in r."""
+        return camera_pose(np.array(self.xyz_m), np.array(self.rpy_rad))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Cuboid:
+    """The box around the robot whose corners are DOPE's keypoints; axes of r."""
+
+    size_m: Vec3
+    centre_m: Vec3
+
+    def T_r_o(self) -> Array:
+        """(4, 4) pose of the object frame in r."""
+        T_r_o = np.eye(4)
+        T_r_o[:3, 3] = self.centre_m
+        return T_r_o
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RobotSpec:
+    """Everything the pipeline knows of a robot; filled from `assets/robots/<name>/robot.yaml`."""
+
+    name: str
+    size_m: Vec3
+    radius_m: float
+    mass_kg: float
+    max_speed_mps: float
+    max_turn_rate_radps: float
+    chassis: Chassis
+    wheels: Wheels
+    caster: Caster
+    lidar: LidarSpec
+    camera: CameraSpec
+    cuboid: Cuboid
+
+    def __post_init__(self) -> None:
+        if self.wheels.track_m <= 0 or self.wheels.radius_m <= 0 or self.radius_m <= 0:
+            raise ConfigError(f"robot {self.name}: wheel radius, track and radius must be positive")
+        if self.lidar.z_m > self.size_m[2]:
+            raise ConfigError(
+                f"robot {self.name}: lidar at {self.lidar.z_m} m is above the robot's {self.size_m[2]} m"
+            )
+
+    def circle_at(self, height_m: float) -> tuple[float, float] | None:
+        """(x, radius) [m] of what a level scan at this height sees of the robot; None if it passes over."""
+        if self.chassis.top_z_m < height_m <= self.size_m[2]:
+            return self.lidar.x_m, self.lidar.cap_radius_m
+        if self.chassis.bottom_z_m <= height_m <= self.chassis.top_z_m:
+            return self.chassis.centre_x_m, self.chassis.radius_m
+        return None
+
+    def wheel_speeds(self, speed_mps: float, turn_rate_radps: float) -> tuple[float, float]:
+        """Left and right wheel speed [rad/s] of a twist, scaled down together to the robot's limits."""
+        half_track_m = 0.5 * self.wheels.track_m
+        limit_radps = self.max_speed_mps / self.wheels.radius_m
+        left = (speed_mps - half_track_m * turn_rate_radps) / self.wheels.radius_m
+        right = (speed_mps + half_track_m * turn_rate_radps) / self.wheels.radius_m
+        scale = min(1.0, limit_radps / max(abs(left), abs(right), 1e-9))
+        return left * scale, right * scale

@@ -1,0 +1,170 @@
+"""The MuJoCo scene: walls and furniture as static geoms, robots on wheels or on planar joints.
+
+Walls are boxes: they compile and collide faster than meshes, and a concave mesh would collide as its
+convex hull.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from enum import StrEnum
+from xml.sax.saxutils import quoteattr
+
+from pipeline.floorplan.records import Shape, Solid
+from pipeline.geometry.se2 import SE2
+from pipeline.simulation.robot import RobotSpec
+
+
+class Drive(StrEnum):
+    """How a robot moves: two driven wheels with slip, or planar joints that follow the twist."""
+
+    WHEELS = "wheels"
+    PLANAR = "planar"
+
+
+TIMESTEP_S = {Drive.WHEELS: 0.005, Drive.PLANAR: 0.010}
+
+_RGBA = {"wall": "0.85 0.83 0.78 1"}
+_FURNITURE_RGBA = "0.55 0.42 0.30 1"
+_ROBOT_RGBA = ("0.10 0.35 0.75 1", "0.80 0.20 0.15 1")
+
+# Geoms collide when one's contype meets the other's conaffinity: robots with all, the scene with robots.
+_SCENE_MASK = 'contype="1" conaffinity="2"'
+_ROBOT_MASK = 'contype="2" conaffinity="3"'
+
+
+def scene_mjcf(
+    solids: Sequence[Solid],
+    robots: Sequence[RobotSpec],
+    starts: Sequence[SE2],
+    *,
+    drive: Drive = Drive.WHEELS,
+) -> str:
+    """A standalone MJCF of the scene with the robots in it.
+
+    Args:
+        solids: walls and furniture.
+        robots: one spec per robot; bodies are named `r0`, `r1`, ...
+        starts: pose of each robot in w.
+        drive: how the robots move.
+    """
+    geoms = "\n".join(_solid_geom(solid) for solid in solids)
+    bodies = "\n".join(
+        _robot_body(f"r{i}", spec, T_w_r, _ROBOT_RGBA[i % 2], drive)
+        for i, (spec, T_w_r) in enumerate(zip(robots, starts, strict=True))
+    )
+    actuators = "\n".join(_actuators(f"r{i}", spec, drive) for i, spec in enumerate(robots))
+    return f"""<mujoco model="rendezvous">
+  <compiler angle="radian" autolimits="true"/>
+  <option timestep="{TIMESTEP_S[drive]}" integrator="implicitfast" cone="pyramidal" iterations="20"/>
+  <size memory="8M"/>
+  <visual><headlight ambient="0.4 0.4 0.4" diffuse="0.5 0.5 0.5"/></visual>
+  <default>
+    <geom {_SCENE_MASK} friction="0.9 0.005 0.0001"/>
+  </default>
+  <worldbody>
+    <light pos="0 0 4" dir="0.2 0.1 -1" directional="true"/>
+    <geom name="floor" type="plane" size="0 0 1" rgba="0.75 0.72 0.68 1"/>
+{geoms}
+{bodies}
+  </worldbody>
+  <actuator>
+{actuators}
+  </actuator>
+</mujoco>
+"""
+
+
+def _solid_geom(solid: Solid) -> str:
+    half_z_m = 0.5 * (solid.z1_m - solid.z0_m)
+    pos = f"{solid.x_m:.6g} {solid.y_m:.6g} {solid.z0_m + half_z_m:.6g}"
+    rgba = _RGBA.get(solid.category, _FURNITURE_RGBA)
+    if solid.shape is Shape.CYLINDER:
+        form = f'type="cylinder" size="{solid.half_x_m:.6g} {half_z_m:.6g}"'
+    else:
+        half = math.sin(0.5 * solid.yaw_rad)
+        quat_wxyz = f"{math.cos(0.5 * solid.yaw_rad):.9g} 0 0 {half:.9g}"
+        form = (
+            f'type="box" size="{solid.half_x_m:.6g} {solid.half_y_m:.6g} {half_z_m:.6g}" quat="{quat_wxyz}"'
+        )
+    return f'    <geom {form} pos="{pos}" rgba="{rgba}"/>'
+
+
+def _robot_body(name: str, spec: RobotSpec, T_w_r: SE2, rgba: str, drive: Drive) -> str:
+    """The robot's body at its start; the frame of the body is r."""
+    pose = (
+        f'pos="{T_w_r.x_m:.9g} {T_w_r.y_m:.9g} 0" '
+        f'quat="{math.cos(0.5 * T_w_r.yaw_rad):.12g} 0 0 {math.sin(0.5 * T_w_r.yaw_rad):.12g}"'
+    )
+    moving = _wheels(name, spec) if drive is Drive.WHEELS else ""
+    joints = f'<freejoint name="{name}"/>' if drive is Drive.WHEELS else _planar_joints(name)
+    chassis = spec.chassis
+    half_m = 0.5 * (chassis.top_z_m - chassis.bottom_z_m)
+    lidar_half_m = 0.5 * (spec.size_m[2] - chassis.top_z_m)
+    body_mass_kg = spec.mass_kg - 2 * spec.wheels.mass_kg
+    camera = spec.camera
+    return f"""    <body name={quoteattr(name)} {pose}>
+      {joints}
+      <inertial pos="{0.6 * chassis.centre_x_m:.6g} 0 {0.45 * chassis.top_z_m:.6g}" mass="{body_mass_kg:.6g}"
+        diaginertia="{_cylinder_inertia(body_mass_kg, chassis.radius_m, 2 * half_m)}"/>
+      <geom type="cylinder" size="{chassis.radius_m} {half_m:.6g}" rgba="{rgba}" {_ROBOT_MASK} friction="0.3"
+        pos="{chassis.centre_x_m} 0 {chassis.bottom_z_m + half_m:.6g}"/>
+      <geom type="cylinder" size="{spec.lidar.cap_radius_m} {lidar_half_m:.6g}" rgba="0.1 0.1 0.1 1"
+        contype="0" conaffinity="0" pos="{spec.lidar.x_m} 0 {chassis.top_z_m + lidar_half_m:.6g}"/>
+      <camera name="{name}_camera" pos="{" ".join(map(str, camera.xyz_m))}" xyaxes="0 -1 0 0 0 1"
+        fovy="{2 * math.atan(0.5 * camera.height_px / camera.fy_px):.6g}"/>
+{moving}    </body>"""
+
+
+def _cylinder_inertia(mass_kg: float, radius_m: float, height_m: float) -> str:
+    across = mass_kg * (3 * radius_m**2 + height_m**2) / 12
+    return f"{across:.6g} {across:.6g} {0.5 * mass_kg * radius_m**2:.6g}"
+
+
+def _wheels(name: str, spec: RobotSpec) -> str:
+    """Ellipsoid wheels and a sliding ball caster.
+
+    Cylinder wheels roll on an edge and slip more. A contact takes the larger friction of its two geoms,
+    so the caster needs priority to slide.
+    """
+    wheels, caster = spec.wheels, spec.caster
+    out = [
+        f'      <geom type="sphere" size="{caster.radius_m}" pos="{caster.x_m} 0 {caster.radius_m}" '
+        f'friction="0.02" priority="1" condim="3" {_ROBOT_MASK} rgba="0.2 0.2 0.2 1"/>\n'
+    ]
+    spin = 0.5 * wheels.mass_kg * wheels.radius_m**2
+    for side, sign in (("left", 1.0), ("right", -1.0)):
+        out.append(
+            f'      <body name="{name}_{side}" pos="0 {sign * 0.5 * wheels.track_m:.6g} {wheels.radius_m}">\n'
+            f'        <joint name="{name}_{side}" axis="0 1 0" damping="1e-4" armature="2e-4"/>\n'
+            f'        <inertial pos="0 0 0" mass="{wheels.mass_kg}" '
+            f'diaginertia="{0.6 * spin:.6g} {spin:.6g} {0.6 * spin:.6g}"/>\n'
+            f'        <geom type="ellipsoid" size="{wheels.radius_m} {0.5 * wheels.width_m} '
+            f'{wheels.radius_m}" {_ROBOT_MASK} rgba="0.15 0.15 0.15 1"/>\n'
+            f"      </body>\n"
+        )
+    return "".join(out)
+
+
+def _planar_joints(name: str) -> str:
+    """Slides along the start pose's axes, then a hinge at r."""
+    return (
+        f'<joint name="{name}_x" type="slide" axis="1 0 0"/>'
+        f'<joint name="{name}_y" type="slide" axis="0 1 0"/>'
+        f'<joint name="{name}_yaw" type="hinge" axis="0 0 1"/>'
+    )
+
+
+def _actuators(name: str, spec: RobotSpec, drive: Drive) -> str:
+    if drive is Drive.WHEELS:
+        # Stall torque of the XL430; a stiffer velocity loop chatters at 5 ms and slips by decimetres.
+        return "\n".join(
+            f'    <velocity name="{name}_{side}" joint="{name}_{side}" kv="0.1" forcerange="-1.5 1.5"/>'
+            for side in ("left", "right")
+        )
+    gains = {"x": 40.0 * spec.mass_kg, "y": 40.0 * spec.mass_kg, "yaw": 0.1 * spec.mass_kg}
+    return "\n".join(
+        f'    <velocity name="{name}_{axis}" joint="{name}_{axis}" kv="{gain:.6g}"/>'
+        for axis, gain in gains.items()
+    )

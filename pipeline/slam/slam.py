@@ -1,0 +1,161 @@
+"""SLAM of one robot from what it measures: wheel encoders and lidar sweeps. No ground truth comes in."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numba as nb
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.geometry.occupancy_grid import OccupancyGrid
+from pipeline.geometry.se2 import Array
+from pipeline.slam.mapping import MappingParameters, OccupancyMapper
+from pipeline.slam.scan_match import MatchParameters, SurfaceMap, scan_normals
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SlamParameters:
+    """Settings of the SLAM.
+
+    Attributes:
+        extent_m: side of the square map.
+        keyframe_m, keyframe_rad: motion after which a scan is averaged into the surface map.
+        range_sigma_m, range_sigma_ratio: the lidar's data sheet: sigma = hypot(m, ratio * range).
+    """
+
+    extent_m: float = 80.0
+    keyframe_m: float = 0.15
+    keyframe_rad: float = 0.15
+    range_sigma_m: float = 0.01
+    range_sigma_ratio: float = 0.01
+    match: MatchParameters = field(default_factory=MatchParameters)
+    mapping: MappingParameters = field(default_factory=MappingParameters)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sweep:
+    """One turn of the lidar.
+
+    Attributes:
+        ranges_m: (B,) inf for no echo.
+        odometry: (K, 3) odometry poses evenly spaced over the sweep, first at its start, last at its end.
+    """
+
+    ranges_m: Array
+    odometry: Array
+
+
+@nb.njit(cache=True)
+def deskew(
+    ranges_m: Array, bearings_rad: Array, odometry: Array, lidar_x_m: float, no_echo_m: float
+) -> tuple[Array, Array]:
+    """(B, 2) beam ends and (B, 2) beam origins, all in the robot frame at the sweep's end [m].
+
+    Each beam is placed where odometry says the robot was when it was shot; a beam without echo ends after
+    `no_echo_m`.
+    """
+    n, knots = ranges_m.shape[0], odometry.shape[0]
+    points, origins = np.empty((n, 2)), np.empty((n, 2))
+    end = odometry[knots - 1]
+    c, s = math.cos(end[2]), math.sin(end[2])
+    for i in range(n):
+        at = i * (knots - 1) / n
+        k = int(at)
+        f = at - k
+        dx = odometry[k, 0] + f * (odometry[k + 1, 0] - odometry[k, 0]) - end[0]
+        dy = odometry[k, 1] + f * (odometry[k + 1, 1] - odometry[k, 1]) - end[1]
+        yaw = odometry[k, 2] + f * (odometry[k + 1, 2] - odometry[k, 2]) - end[2]
+        origins[i, 0] = c * dx + s * dy + lidar_x_m * math.cos(yaw)
+        origins[i, 1] = -s * dx + c * dy + lidar_x_m * math.sin(yaw)
+        r = ranges_m[i] if math.isfinite(ranges_m[i]) else no_echo_m
+        points[i, 0] = origins[i, 0] + r * math.cos(yaw + bearings_rad[i])
+        points[i, 1] = origins[i, 1] + r * math.sin(yaw + bearings_rad[i])
+    return points, origins
+
+
+def open_space(ranges_m: Array, run: int) -> NDArray[np.bool_]:
+    """(B,) bool: beams without echo in a run of at least `run` such neighbours."""
+    silent = ~np.isfinite(ranges_m)
+    if silent.all():
+        return silent
+    first_echo = int(np.argmin(silent))
+    rolled = np.roll(silent, -first_echo)
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], rolled.view(np.int8), [0]])))
+    for begin, end in zip(edges[::2], edges[1::2], strict=True):
+        if end - begin < run:
+            rolled[begin:end] = False
+    return np.roll(rolled, first_echo)
+
+
+class Slam:
+    """Online SLAM: odometry prior, scan match, occupancy mapping. Map frame: the pose at the first sweep.
+
+    Args:
+        bearings_rad: (B,) the lidar's beams.
+        lidar_x_m: its place on the robot's axis.
+        parameters: settings.
+    """
+
+    def __init__(self, *, bearings_rad: Array, lidar_x_m: float, parameters: SlamParameters) -> None:
+        self.parameters = parameters
+        self._bearings_rad = bearings_rad
+        self._lidar_x_m = lidar_x_m
+        self._surface = SurfaceMap(extent_m=parameters.extent_m, parameters=parameters.match)
+        self.mapper = OccupancyMapper(extent_m=parameters.extent_m, parameters=parameters.mapping)
+        self._pose: Array | None = None
+        self._keyframe = np.zeros(3)
+        self._odometry = np.zeros(3)
+        self.points_m = np.zeros((0, 2))
+        """(N, 2) surface points of the last sweep in the robot frame."""
+
+    def update(self, sweep: Sweep) -> None:
+        """Take in one sweep."""
+        p = self.parameters
+        points_m, origins_m = deskew(
+            sweep.ranges_m, self._bearings_rad, sweep.odometry, self._lidar_x_m, p.mapping.no_echo_free_m
+        )
+        hits = np.isfinite(sweep.ranges_m)
+        sigma_m = np.hypot(p.range_sigma_m, p.range_sigma_ratio * np.where(hits, sweep.ranges_m, 0.0))
+        normals = scan_normals(points_m, origins_m, hits, p.match.normal_radius_m)
+        odometry = sweep.odometry[-1]
+        if self._pose is None:
+            # The map's origin is where the sweep began; it ends where odometry has carried the robot.
+            self._pose = relative(sweep.odometry[0], odometry)
+            self._surface.insert(points_m, normals, sigma_m, self._pose)
+            self._keyframe = self._pose
+        else:
+            travelled = relative(self._odometry, odometry)
+            prior = compose(self._pose, travelled)
+            self._pose, _ = self._surface.match(points_m, normals, sigma_m, prior, travelled=travelled)
+            moved = relative(self._keyframe, self._pose)
+            if math.hypot(moved[0], moved[1]) > p.keyframe_m or abs(moved[2]) > p.keyframe_rad:
+                self._surface.insert(points_m, normals, sigma_m, self._pose)
+                self._keyframe = self._pose
+        self._odometry = odometry
+        clears = open_space(sweep.ranges_m, p.mapping.no_echo_run)
+        self.mapper.integrate(points_m, origins_m, hits, clears, self._pose)
+        self.points_m = points_m[hits]
+
+    def pose(self) -> Array:
+        """(3,) x, y [m] and yaw [rad], unrolled, of the robot in its map at the end of the last sweep."""
+        assert self._pose is not None
+        return self._pose.copy()
+
+    def grid(self) -> OccupancyGrid:
+        """The map so far."""
+        return self.mapper.grid()
+
+
+def compose(a: Array, b: Array) -> Array:
+    """(3,) pose a followed by b, yaw unrolled."""
+    c, s = math.cos(a[2]), math.sin(a[2])
+    return np.array([a[0] + c * b[0] - s * b[1], a[1] + s * b[0] + c * b[1], a[2] + b[2]])
+
+
+def relative(a: Array, b: Array) -> Array:
+    """(3,) pose b as seen from a, yaw unrolled."""
+    c, s = math.cos(a[2]), math.sin(a[2])
+    dx, dy = b[0] - a[0], b[1] - a[1]
+    return np.array([c * dx + s * dy, -s * dx + c * dy, b[2] - a[2]])
