@@ -1,0 +1,128 @@
+"""The command line: one command per stage, in flow order, then what looks at the data."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable
+from importlib import import_module
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from pipeline.errors import PipelineError
+
+if TYPE_CHECKING:
+    from pipeline.engine import Run
+
+CORES = len(os.sched_getaffinity(0))
+STAGES = ("floorplans", "meshes", "explore", "pack")
+
+
+class _OneLineErrors(typer.core.TyperGroup):
+    """What the user can fix is said in one line; anything else keeps its traceback."""
+
+    def invoke(self, ctx: Any) -> Any:
+        try:
+            return super().invoke(ctx)
+        except PipelineError as error:
+            print(f"rendezvous: {' '.join(str(error).split())}", file=sys.stderr)
+            raise typer.Exit(2) from error
+        except KeyboardInterrupt as interrupt:
+            print(
+                "rendezvous: interrupted; finished shards are kept: run the same command again to resume",
+                file=sys.stderr,
+            )
+            raise typer.Exit(130) from interrupt
+
+
+app = typer.Typer(
+    cls=_OneLineErrors,
+    help="Synthetic rendezvous of two robots, from floor plans to a dataset.",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    add_completion=False,
+)
+export_app = typer.Typer(help="Write plans as files for other programs.", no_args_is_help=True)
+
+Config = Annotated[str, typer.Option("--config", help="The pipeline as data.")]
+Preset = Annotated[str, typer.Option("--preset", help="smoke, default, large or paper.")]
+Overrides = Annotated[
+    list[str], typer.Option("--set", metavar="KEY=VALUE", help="Override a parameter; may be repeated.")
+]
+Data = Annotated[str, typer.Option("--data", help="Data folder, or a URI such as s3://bucket/data.")]
+Workers = Annotated[int, typer.Option("--workers", min=1, help="Worker processes; all cores by default.")]
+Seed = Annotated[int | None, typer.Option("--seed", min=0, help="Root seed, instead of the file's.")]
+EngineName = Annotated[str, typer.Option("--engine", help="local processes, inline (debugger), or ray.")]
+
+
+def _stage_command(stage: str, help_text: str) -> None:
+    """Add a stage's command. Its module is imported when it runs, so that help comes at once."""
+
+    @app.command(stage, help=help_text)
+    def command(
+        config: Config = "stages.yaml",
+        preset: Preset = "default",
+        overrides: Overrides = [],  # noqa: B006 - Typer reads the default, nothing writes it
+        data: Data = "data",
+        workers: Workers = CORES,
+        seed: Seed = None,
+        engine: EngineName = "local",
+    ) -> None:
+        run = _run(config, preset, overrides, data, workers, seed, engine)
+        for name in STAGES if stage == "dataset" else (stage,):
+            _stage_function(name)(run)
+
+
+def _stage_function(stage: str) -> Callable[[Run], Any]:
+    function: Callable[[Run], Any] = getattr(import_module(f"pipeline.stages.{stage}"), stage)
+    return function
+
+
+def _run(
+    config: str, preset: str, overrides: list[str], data: str, workers: int, seed: int | None, engine: str
+) -> Run:
+    from pipeline.config import load_config
+    from pipeline.engine import Run
+    from pipeline.pool import Engine
+
+    return Run(
+        config=load_config(config, preset=preset, overrides=overrides, seed=seed),
+        data=data,
+        workers=workers,
+        engine=Engine(engine),
+    )
+
+
+_stage_command("floorplans", "Read and generate floor plans; keep those that robots can explore.")
+_stage_command("meshes", "Raise walls: boxes for physics, GLB and MJCF for everything else.")
+_stage_command("explore", "Drive two robots through each plan until they meet.")
+_stage_command("pack", "Publish the sightings as a dataset, split by floor plan.")
+_stage_command("dataset", "All of the above, in order.")
+
+
+@app.command()
+def verify(folder: Annotated[str, typer.Argument(help="A data folder or one stage's.")] = "data") -> None:
+    """Find damaged, missing and unlisted files."""
+    from pipeline.store.verify import stage_folders
+    from pipeline.store.verify import verify as faults_of
+
+    folders = stage_folders(folder)
+    faults = [fault for stage_folder in folders for fault in faults_of(stage_folder)]
+    for fault in faults:
+        print(fault)
+    if faults:
+        raise typer.Exit(1)
+    print(f"{', '.join(folders)}: sound")
+
+
+app.add_typer(export_app, name="export")
+
+
+def main() -> None:
+    """Run the command line."""
+    app()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,223 @@
+"""The typed form of `stages.yaml`: what each stage reads and writes, its parameters, the presets."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, TypeVar
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from pipeline.config_errors import explained
+from pipeline.errors import ConfigError, PipelineError
+from pipeline.floorplan.generate import GeneratorParameters
+from pipeline.floorplan.validate import FloorplanLimits
+from pipeline.strict_yaml import load_file, load_value
+
+Validated = TypeVar("Validated", bound=BaseModel)
+PositiveInt = Annotated[int, Field(ge=1)]
+Positive = Annotated[float, Field(gt=0)]
+
+
+class Section(BaseModel):
+    """A strict part of the configuration: unknown keys, wrong types and infinite numbers are errors."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+
+
+class StageSection(Section):
+    """One stage's parameters.
+
+    Fields are numbers, strings, lists, or frozen dataclasses of the rooms; what bounds a value is written
+    in its type. `stages.yaml` holds the values.
+    """
+
+    @classmethod
+    def stage(cls) -> str:
+        """The stage's name: `ExploreSection` is `explore`'s."""
+        return cls.__name__.removesuffix("Section").lower()
+
+    def parameters(self, *, exclude: Collection[str] = ()) -> dict[str, Any]:
+        """Values as JSON holds them, by their full key, e.g. `explore.max_range_m`.
+
+        Args:
+            exclude: fields on which the content of a shard does not depend.
+        """
+        values = self.model_dump(mode="json", exclude=set(exclude))
+        return _flattened(self.stage(), values)
+
+
+class Generated(Section):
+    """Plans that are generated: how many, and what they are drawn from."""
+
+    count: Annotated[int, Field(ge=0)]
+    plans: GeneratorParameters
+
+
+class FloorplansSection(StageSection):
+    """Which floor plans there are.
+
+    Attributes:
+        sources: HouseExpo JSON files, folders of them, or the dataset's `json.tar.gz`.
+        generate: plans made here, after those of the sources.
+        limits: what a usable plan keeps to.
+        plans_per_shard: candidates per shard.
+    """
+
+    sources: tuple[str, ...]
+    generate: Generated
+    limits: FloorplanLimits
+    plans_per_shard: PositiveInt
+
+
+class MeshesSection(StageSection):
+    """How floor plans become solids."""
+
+    wall_height_m: Positive
+
+
+class ExploreSection(StageSection):
+    """How two robots explore a floor plan until they meet."""
+
+    plans_per_shard: PositiveInt
+    episodes_per_plan: PositiveInt
+
+
+class PackSection(StageSection):
+    """How sightings become the published dataset."""
+
+    rows_per_file: PositiveInt
+
+
+class Parameters(Section):
+    """The root seed and the sections of all stages, in flow order."""
+
+    seed: Annotated[int, Field(ge=0)]
+    floorplans: FloorplansSection
+    meshes: MeshesSection
+    explore: ExploreSection
+    pack: PackSection
+
+
+class StageLinks(Section):
+    """What a stage reads and writes: stages it follows, and the name of its folder below the data folder."""
+
+    reads: tuple[str, ...]
+    writes: str
+    parameters: dict[str, Any]
+
+
+class _StagesFile(Section):
+    seed: int
+    stages: dict[str, StageLinks]
+    presets: dict[str, dict[str, dict[str, Any] | None] | None]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Config:
+    """All that decides what the pipeline makes.
+
+    Attributes:
+        seed: the root of every random stream.
+        stages: what each stage reads and writes, in flow order.
+        floorplans, meshes, explore, pack: the stages' parameters.
+    """
+
+    seed: int
+    stages: Mapping[str, StageLinks]
+    floorplans: FloorplansSection
+    meshes: MeshesSection
+    explore: ExploreSection
+    pack: PackSection
+
+
+def load_config(
+    path: str | Path, *, preset: str = "default", overrides: Collection[str] = (), seed: int | None = None
+) -> Config:
+    """Read `stages.yaml`.
+
+    Args:
+        path: the file.
+        preset: which of its presets to lay over the stages' parameters.
+        overrides: `explore.episodes_per_plan=10` or `seed=3`; values are YAML; the last one wins.
+        seed: the root seed; the file's by default.
+
+    Raises:
+        ConfigError: a key is unknown, a value is wrong; one line that says where, what, and what is right.
+    """
+    file = _validated(_StagesFile, load_file(path), str(path), {})
+    _check_flow(file.stages, str(path))
+    layers: dict[str, Mapping[str, Any]] = {
+        f"{path}: stages": {name: stage.parameters for name, stage in file.stages.items()},
+        f"{path}: presets.{preset}": _preset(file, preset, str(path)),
+    }
+    if seed is not None:
+        overrides = [*overrides, f"seed={seed}"]
+    layers |= {f"--set {override}": _override(override) for override in overrides}
+    values: dict[str, Any] = {"seed": file.seed}
+    for layer in layers.values():
+        values = _overlaid(values, layer)
+    parameters = _validated(Parameters, values, str(path), layers)
+    return Config(stages=file.stages, **dict(parameters))
+
+
+def _validated(
+    model: type[Validated], values: Mapping[str, Any], file: str, layers: Mapping[str, Mapping[str, Any]]
+) -> Validated:
+    try:
+        # Strict mode takes a list for a tuple only from JSON.
+        return model.model_validate_json(json.dumps(values))
+    except ValidationError as error:
+        raise ConfigError(explained(error, model, file=file, layers=layers)) from error
+    except PipelineError as error:  # a room's own contract
+        raise ConfigError(f"{file}: {error}") from error
+    except TypeError as error:
+        raise ConfigError(f"{file}: {error}; values must be numbers, texts, lists and mappings") from error
+
+
+def _check_flow(stages: Mapping[str, StageLinks], file: str) -> None:
+    known: list[str] = []
+    for name, stage in stages.items():
+        for upstream in stage.reads:
+            if upstream not in known:
+                above = ", ".join(known)
+                raise ConfigError(
+                    f"{file}: stages.{name}.reads has {upstream!r}; stages above it are {above}"
+                )
+        known.append(name)
+
+
+def _preset(file: _StagesFile, preset: str, path: str) -> dict[str, Any]:
+    if preset not in file.presets:
+        raise ConfigError(f"{path}: no preset {preset!r}; presets are {', '.join(file.presets)}")
+    return {stage: values or {} for stage, values in (file.presets[preset] or {}).items()}
+
+
+def _override(text: str) -> dict[str, Any]:
+    key, equals, value = text.partition("=")
+    if not equals or not all(key.split(".")):
+        raise ConfigError(f"--set {text}: must be KEY=VALUE, such as explore.episodes_per_plan=10")
+    nested: Any = load_value(value, where=f"--set {text}")
+    for name in reversed(key.split(".")):
+        nested = {name: nested}
+    return dict(nested)
+
+
+def _overlaid(values: Mapping[str, Any], layer: Mapping[str, Any]) -> dict[str, Any]:
+    merged = dict(values)
+    for key, value in layer.items():
+        below = merged.get(key)
+        if isinstance(below, Mapping) and isinstance(value, Mapping):
+            value = _overlaid(below, value)
+        merged[key] = value
+    return merged
+
+
+def _flattened(prefix: str, values: Mapping[str, Any]) -> dict[str, Any]:
+    flat: dict[str, Any] = {}
+    for key, value in values.items():
+        name = f"{prefix}.{key}"
+        flat |= _flattened(name, value) if isinstance(value, Mapping) else {name: value}
+    return flat

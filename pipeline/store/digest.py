@@ -1,0 +1,92 @@
+"""Digests of what a table says, independent of how a version of pyarrow writes it down."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+
+
+def content_digest(table: pa.Table, *, columns: Sequence[str] | None = None) -> str:
+    """Hash of the column names, kinds, nulls and values; not of chunks, encodings or metadata."""
+    h = hashlib.sha256()
+    for name in sorted(columns if columns is not None else table.column_names):
+        h.update(f"column {name!r}\n".encode())
+        _feed(h, _one_array(table.column(name)))
+    return h.hexdigest()
+
+
+def item_digests(
+    table: pa.Table, item_column: str, *, columns: Sequence[str] | None = None
+) -> dict[str, str]:
+    """Hash of the rows of each item, by the item's id, in order of appearance."""
+    ids = table.column(item_column)
+    return {
+        item_id: content_digest(table.filter(pc.equal(ids, item_id)), columns=columns)
+        for item_id in dict.fromkeys(ids.to_pylist())
+    }
+
+
+def _one_array(column: pa.ChunkedArray) -> pa.Array:
+    if column.num_chunks == 1:
+        return column.chunk(0)
+    return pa.concat_arrays(column.chunks) if column.num_chunks else pa.array([], type=column.type)
+
+
+def _feed(h: Any, array: pa.Array) -> None:
+    kind = array.type
+    h.update(f"{_kind(kind)} {len(array)} {array.null_count}\n".encode())
+    if array.null_count:
+        h.update(np.packbits(array.is_valid().to_numpy(zero_copy_only=False)).tobytes())
+    if pa.types.is_struct(kind):
+        for index, child in enumerate(array.flatten()):
+            h.update(f"field {kind.field(index).name!r}\n".encode())
+            _feed(h, child)
+    elif _is_list(kind):
+        h.update(_little_endian(array.value_lengths().fill_null(0).cast(pa.int64())))
+        _feed(h, array.flatten())
+    elif pa.types.is_fixed_size_list(kind):
+        _feed(h, array.flatten())
+    elif _is_bytes(kind):
+        h.update(_little_endian(pc.binary_length(array).fill_null(0).cast(pa.int64())))
+        for value in array.drop_null():
+            h.update(value.as_buffer())
+    elif pa.types.is_null(kind):
+        return
+    elif pa.types.is_boolean(kind):
+        h.update(_little_endian(array.fill_null(False).cast(pa.uint8())))
+    elif pa.types.is_temporal(kind):
+        _feed(h, array.cast(pa.int64() if kind.bit_width == 64 else pa.int32()))
+    else:
+        h.update(_little_endian(array.fill_null(0)))
+
+
+def _kind(kind: pa.DataType) -> str:
+    """A type's name without what Parquet's round trip changes: names of list elements, large offsets."""
+    if pa.types.is_struct(kind):
+        return "struct"
+    if _is_list(kind):
+        return "list"
+    if pa.types.is_fixed_size_list(kind):
+        return f"list[{kind.list_size}]"
+    if _is_bytes(kind):
+        return "string" if pa.types.is_string(kind) or pa.types.is_large_string(kind) else "binary"
+    return str(kind)
+
+
+def _is_list(kind: pa.DataType) -> bool:
+    return bool(pa.types.is_list(kind) or pa.types.is_large_list(kind))
+
+
+def _is_bytes(kind: pa.DataType) -> bool:
+    checks = (pa.types.is_string, pa.types.is_large_string, pa.types.is_binary, pa.types.is_large_binary)
+    return any(check(kind) for check in checks)
+
+
+def _little_endian(array: pa.Array) -> bytes:
+    values = array.to_numpy(zero_copy_only=False)
+    return bytes(values.astype(values.dtype.newbyteorder("<")).tobytes())

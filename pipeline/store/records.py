@@ -1,0 +1,215 @@
+"""What is written down about a shard: what it was made from, what is in it, what was left out and why."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+import pyarrow as pa
+
+RECORD_FOLDER = ".shards"
+MANIFEST = "manifest.json"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Quarantined:
+    """An item that was left out: which, why, and where the fault is."""
+
+    item_id: str
+    reason: str
+    where: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Shard:
+    """What a stage makes of a shard's items.
+
+    Attributes:
+        table: the rows.
+        counts: what was counted ("episodes", "pairs"); summed over shards into the manifest.
+        quarantined: items left out.
+    """
+
+    table: pa.Table
+    counts: Mapping[str, int] = field(default_factory=dict)
+    quarantined: tuple[Quarantined, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Inputs:
+    """All that a shard's content depends on; equal inputs make equal shards.
+
+    Attributes:
+        parameters: by their full key in `stages.yaml`, values as in JSON.
+        items: digest of what is read for each item, by the item's id, in the order of making.
+        seed: the root seed, or None where the content does not depend on it.
+        version: of the stage's own code; raised when a change of code changes what it makes.
+    """
+
+    parameters: Mapping[str, Any]
+    items: Mapping[str, str]
+    seed: int | None = None
+    version: int = 1
+
+    def fingerprint(self) -> str:
+        return digest_of([self.version, self.seed, dict(self.parameters), list(self.items.items())])
+
+    def differs_in_items_only(self, other: Inputs) -> bool:
+        """Whether the same code, parameters and seed were used on other items."""
+        same = (self.version, self.seed, self.parameters) == (other.version, other.seed, other.parameters)
+        return same and self.items != other.items
+
+    def changes_since(self, old: Inputs) -> list[str]:
+        """What differs from the inputs of an older shard, in words."""
+        changes = []
+        if old.version != self.version:
+            changes.append(f"the stage's version changed {old.version} -> {self.version}")
+        if old.seed != self.seed:
+            changes.append(f"seed changed {old.seed} -> {self.seed}")
+        for key in sorted({*old.parameters, *self.parameters}):
+            before, after = old.parameters.get(key), self.parameters.get(key)
+            if before != after:
+                changes.append(f"{key} changed {before} -> {after}")
+        return changes + _item_changes(old.items, self.items)
+
+
+def _item_changes(old: Mapping[str, str], new: Mapping[str, str]) -> list[str]:
+    changed = [f"{item} changed" for item in new if item in old and old[item] != new[item]]
+    added = [f"{item} is new" for item in new if item not in old]
+    gone = [f"{item} is gone" for item in old if item not in new]
+    changes = changed + added + gone
+    if not changes and list(old) != list(new):
+        return ["upstream: the order of the items changed"]
+    return [f"upstream: {change}" for change in changes]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ShardRecord:
+    """A finished shard.
+
+    Attributes:
+        name: its file, relative to the stage's folder.
+        bytes: size of the file.
+        sha256: of the file.
+        content_digest: of the rows, independent of the version of pyarrow.
+        rows: how many there are.
+        counts, quarantined: as in `Shard`.
+        items: digest of each item's rows, by id: what a reader of that item depends on.
+        inputs: what it was made from.
+        versions: of the packages it was made with.
+    """
+
+    name: str
+    bytes: int
+    sha256: str
+    content_digest: str
+    rows: int
+    counts: Mapping[str, int]
+    quarantined: tuple[Quarantined, ...]
+    items: Mapping[str, str]
+    inputs: Inputs
+    versions: Mapping[str, str]
+
+    @staticmethod
+    def record_name(shard_name: str) -> str:
+        """The file in which a shard's record is kept until the manifest is written, and after."""
+        return f"{RECORD_FOLDER}/{shard_name}.json"
+
+    def to_json(self) -> dict[str, Any]:
+        return asdict(self)
+
+    @classmethod
+    def from_json(cls, fields: Mapping[str, Any]) -> ShardRecord:
+        return cls(
+            **{
+                **fields,
+                "inputs": Inputs(**fields["inputs"]),
+                "quarantined": tuple(Quarantined(**entry) for entry in fields["quarantined"]),
+            }
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FileRecord:
+    """A file beside the shards, such as a dataset's card."""
+
+    name: str
+    bytes: int
+    sha256: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Manifest:
+    """A stage's finished output: all its shards, and the files beside them."""
+
+    stage: str
+    shards: tuple[ShardRecord, ...]
+    files: tuple[FileRecord, ...] = ()
+
+    @property
+    def rows(self) -> int:
+        return sum(shard.rows for shard in self.shards)
+
+    @property
+    def quarantined(self) -> tuple[Quarantined, ...]:
+        return tuple(entry for shard in self.shards for entry in shard.quarantined)
+
+    def counts(self) -> dict[str, int]:
+        """What the shards counted, summed."""
+        totals: dict[str, int] = {}
+        for shard in self.shards:
+            for name, count in shard.counts.items():
+                totals[name] = totals.get(name, 0) + count
+        return totals
+
+    def to_json(self) -> dict[str, Any]:
+        """As written: parameters and versions, equal in most shards, are told once, by their digest."""
+        parameters: dict[str, Any] = {}
+        versions: dict[str, Any] = {}
+        shards = []
+        for shard in self.shards:
+            entry = shard.to_json()
+            inputs = entry["inputs"]
+            inputs["parameters"] = _tabled(parameters, inputs["parameters"])
+            entry["versions"] = _tabled(versions, entry["versions"])
+            shards.append(entry)
+        return {
+            "stage": self.stage,
+            "rows": self.rows,
+            "counts": self.counts(),
+            "quarantined": len(self.quarantined),
+            "parameters": parameters,
+            "versions": versions,
+            "files": [asdict(file) for file in self.files],
+            "shards": shards,
+        }
+
+    @classmethod
+    def from_json(cls, fields: Mapping[str, Any]) -> Manifest:
+        shards = []
+        for entry in fields["shards"]:
+            inputs = {**entry["inputs"], "parameters": fields["parameters"][entry["inputs"]["parameters"]]}
+            versions = fields["versions"][entry["versions"]]
+            shards.append(ShardRecord.from_json({**entry, "inputs": inputs, "versions": versions}))
+        files = tuple(FileRecord(**entry) for entry in fields["files"])
+        return cls(stage=fields["stage"], shards=tuple(shards), files=files)
+
+
+def _tabled(table: dict[str, Any], value: Any) -> str:
+    digest = digest_of(value)
+    table[digest] = value
+    return digest
+
+
+def digest_of(value: Any) -> str:
+    """Hash of a value that JSON can hold; the order of a mapping's keys does not count."""
+    text = json.dumps(value, sort_keys=True, separators=(",", ":"), allow_nan=False)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def json_bytes(value: Any) -> bytes:
+    """JSON as it is written to disk."""
+    return (json.dumps(value, indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode()
