@@ -19,7 +19,7 @@ PRECISION_M = 0.001
 """Vertices lie on this grid, so that a plan written to a file and read again is the same plan."""
 
 RASTER_STEP_M = 0.01
-"""HouseExpo's outlines were traced on pixels of this size; a vertex this close to a straight line is noise."""
+"""HouseExpo's outlines were traced on pixels of this size; a vertex this near a straight line is noise."""
 
 OPENING_M = 0.005
 """Half the width of the slits that are closed where an outline touches itself."""
