@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import dataclass
 from typing import Any
 
@@ -120,7 +121,7 @@ def synthetic_row(rng: np.random.Generator, *, plan: int = 0, event: int = 0) ->
         "episode_id": f"plan-{plan:03d}",
         "observer": 0,
         "plan_id": f"plan-{plan:03d}",
-        "plan_digest": f"{plan * 0x9E3779B97F4A7C15 % 2**64:016x}" * 4,
+        "plan_digest": hashlib.sha256(str(plan).encode()).hexdigest(),
         "seed": 0,
         "t_s": 40.0,
         "drive": "wheels",

@@ -1,0 +1,187 @@
+"""The dataset's card: what is in it, how it was made, how good it is."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from pipeline.evaluation.canvas import Image
+from pipeline.evaluation.charts import histogram
+from pipeline.evaluation.tables import column_table, markdown_table
+from pipeline.geometry.se2 import Array
+from pipeline.schema import PAIRS, SCHEMA_VERSION
+from pipeline.splits import SPLITS
+
+_ROBOTS = ("0", "1")
+_QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
+_PAPERS_OVERLAP = 0.174
+_OVERLAP_EDGES = np.linspace(0.0, 1.0, 21)
+
+# Title, columns (pooled), factor and unit it is shown in, decimals.
+_MEASURES: tuple[tuple[str, tuple[str, ...], float, str, int], ...] = (
+    ("SLAM position error", tuple(f"slam_position_error_{i}_m" for i in _ROBOTS), 100.0, "cm", 1),
+    ("SLAM heading error", tuple(f"slam_heading_error_{i}_rad" for i in _ROBOTS), 180.0 / np.pi, "°", 2),
+    ("Odometry position error", tuple(f"odometry_position_error_{i}_m" for i in _ROBOTS), 100.0, "cm", 1),
+    (
+        "Odometry heading error",
+        tuple(f"odometry_heading_error_{i}_rad" for i in _ROBOTS),
+        180 / np.pi,
+        "°",
+        2,
+    ),
+    ("Walls that agree, by `T_m0_m1_local`", ("wall_agreement_local",), 100.0, "%", 1),
+    ("Walls that agree, by `T_m0_m1`", ("wall_agreement",), 100.0, "%", 1),
+    ("Overlap", ("overlap",), 1.0, "", 3),
+    ("Occupied cells per map", tuple(f"occupied_cells_{i}" for i in _ROBOTS), 1.0, "", 0),
+    ("Of those, ghosts of the other robot", tuple(f"ghost_cells_{i}" for i in _ROBOTS), 1.0, "", 0),
+    ("Range of the sighting", ("range_m",), 1.0, "m", 2),
+    ("Time of the sighting", ("t_s",), 1.0, "s", 0),
+)
+
+CARD_COLUMNS = (
+    "seed",
+    "plan_id",
+    "plan_digest",
+    "episode_id",
+    "event_id",
+    *(name for _, names, *_ in _MEASURES for name in names),
+)
+"""What the card is computed from."""
+
+
+def dataset_card(
+    sightings: pa.Table,
+    *,
+    counts: Mapping[str, int],
+    parameters: Mapping[str, Any],
+    versions: Mapping[str, str],
+    bytes_total: int,
+) -> str:
+    """The card, Markdown with the YAML header that Hugging Face reads.
+
+    Args:
+        sightings: `CARD_COLUMNS` of all rows and their `split`.
+        counts: what `explore` counted, met or not.
+        parameters, versions: what the rows were made with.
+        bytes_total: size of the Parquet files.
+    """
+    seeds = ", ".join(str(seed) for seed in sightings["seed"].unique().to_pylist())
+    sections = [
+        _yaml_header(sightings),
+        _INTRODUCTION,
+        f"## Splits\n\n{_split_table(sightings)}\n\nNo floor plan is in two splits: a plan's split is a "
+        f"hash of its geometry. {bytes_total / 1e6:.1f} MB in all.",
+        f"## Episodes\n\n{_counts_table(counts)}",
+        f"## Overlap\n\n![Histogram of the overlap](overlap.png)\n\n{_overlap_table(sightings)}",
+        f"## Quality\n\n{_quality_table(sightings)}\n\n{_QUALITY_NOTE}",
+        f"## Columns\n\n{_COLUMNS_NOTE}\n\n{column_table(PAIRS)}",
+        f"## How it was made\n\nRoot seed {seeds}, schema version {SCHEMA_VERSION}, "
+        f"{', '.join(f'{name} {version}' for name, version in versions.items())}.\n\n"
+        + markdown_table(("parameter", "value"), [(f"`{k}`", _shown(v)) for k, v in parameters.items()]),
+    ]
+    return "\n\n".join(sections) + "\n"
+
+
+_INTRODUCTION = """# Rendezvous pairs
+
+Two simulated TurtleBot3 Burgers explore a furnished building, each with its own SLAM map, until one sees the
+other. Every row is one such sighting: both occupancy grids, both estimated poses, the true relative pose, and
+the transform between the maps.
+
+![Three of the pairs: each robot's map, and both aligned](pairs.png)
+
+```python
+from datasets import load_dataset
+
+pairs = load_dataset("path/to/this/folder", split="train")
+```"""
+
+_QUALITY_NOTE = """\
+Columns are quantiles; errors are those at the sighting, both robots pooled. Walls agree where an occupied
+cell of one map that lies in the known area of the other is within 0.10 m of an occupied cell there.
+`T_m0_m1_local` is built from the SLAM poses at the meeting and is the label to learn; `T_m0_m1` comes from
+the true starts and contains the drift of both maps."""
+
+_COLUMNS_NOTE = """\
+SE(2) poses are x [m], y [m], yaw [rad]; `T_a_b` is the pose of frame b in frame a. m0, m1: the robots' map
+frames, each one's true start pose; r0, r1: the robots, on the floor between the wheels, x forward; c: camera,
+x right, y down, z forward; o: centre of the seen robot's cuboid; w: the floor plan."""
+
+
+def overlap_chart(sightings: pa.Table) -> Image:
+    """Histogram of the overlap, with the paper's real scenario marked."""
+    return histogram(
+        sightings["overlap"].to_numpy(),
+        _OVERLAP_EDGES,
+        title="Overlap of the two maps, pairs per bin",
+        mark=_PAPERS_OVERLAP,
+        mark_label=f"the paper's real scenario, {_PAPERS_OVERLAP}",
+    )
+
+
+def _yaml_header(sightings: pa.Table) -> str:
+    present = set(sightings["split"].unique().to_pylist())
+    files = "\n".join(
+        f"  - split: {split}\n    path: pairs/{split}-*.parquet" for split in SPLITS if split in present
+    )
+    return (
+        "---\npretty_name: Rendezvous pairs\n"
+        "tags:\n- robotics\n- slam\n- map-fusion\n- occupancy-grid\n- multi-robot\n"
+        f"size_categories:\n- {_size_category(sightings.num_rows)}\n"
+        f"configs:\n- config_name: pairs\n  default: true\n  data_files:\n{files}\n---"
+    )
+
+
+def _size_category(rows: int) -> str:
+    bounds = [(10**3, "n<1K"), (10**4, "1K<n<10K"), (10**5, "10K<n<100K"), (10**6, "100K<n<1M")]
+    return next((name for bound, name in bounds if rows < bound), "1M<n<10M")
+
+
+def _split_table(sightings: pa.Table) -> str:
+    counted = ("plan_digest", "episode_id", "event_id")
+    rows = []
+    for split in SPLITS:
+        part = sightings.filter(pc.field("split") == split)
+        if part.num_rows:
+            rows.append((split, *(len(part[name].unique()) for name in counted), part.num_rows))
+    totals = ("all", *(sum(row[i] for row in rows) for i in range(1, 5)))
+    return markdown_table(("split", "floor plans", "episodes", "meetings", "pairs"), [*rows, totals])
+
+
+def _counts_table(counts: Mapping[str, int]) -> str:
+    return markdown_table(("counted", "number"), [(k.replace("_", " "), f"{v:,}") for k, v in counts.items()])
+
+
+def _overlap_table(sightings: pa.Table) -> str:
+    overlap = sightings["overlap"].to_numpy()
+    numbers, _ = np.histogram(overlap, _OVERLAP_EDGES)
+    rows = [
+        (f"{low:.2f} – {high:.2f}", number, f"{number / len(overlap):.1%}")
+        for low, high, number in zip(_OVERLAP_EDGES[:-1], _OVERLAP_EDGES[1:], numbers, strict=True)
+        if number
+    ]
+    table = markdown_table(("overlap", "pairs", "share"), rows)
+    return f"{table}\n\n{np.mean(overlap < 0.25):.1%} of the pairs overlap by less than 0.25."
+
+
+def _quality_table(sightings: pa.Table) -> str:
+    rows = []
+    for title, names, factor, unit, decimals in _MEASURES:
+        values = factor * _pooled(sightings, names)
+        shown = [f"{value:.{decimals}f}" for value in np.quantile(values, _QUANTILES)] if len(values) else []
+        rows.append((f"{title} [{unit}]" if unit else title, *shown))
+    return markdown_table(("", *(f"{q:.0%}" for q in _QUANTILES)), rows)
+
+
+def _pooled(sightings: pa.Table, names: Sequence[str]) -> Array:
+    columns = [sightings[name].drop_null().to_numpy().astype(np.float64) for name in names]
+    return np.concatenate(columns)
+
+
+def _shown(value: Any) -> str:
+    return f"`{json.dumps(value)}`"

@@ -1,0 +1,248 @@
+"""Pack, on sightings drawn instead of driven; what it publishes is opened by the programs that users have."""
+
+from __future__ import annotations
+
+import io
+import json
+import subprocess
+import sys
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from rich.console import Console
+
+from pipeline.config import load_config
+from pipeline.engine import Run, Task, part_name
+from pipeline.errors import SplitError, StoreError
+from pipeline.pool import Engine
+from pipeline.schema import EXPLORE, PAIRS
+from pipeline.splits import SPLITS
+from pipeline.stages.pack import LAYOUT, pack
+from pipeline.store.records import Inputs, Shard
+from tests.synthetic import synthetic_row
+
+STAGES_YAML = Path(__file__).parents[2] / "stages.yaml"
+SHARES = ("pack.validation_fraction=0.3", "pack.test_fraction=0.3", "pack.rows_per_file=4")
+PLANS = 10
+_SMALL_ROWS = [
+    [synthetic_row(np.random.default_rng([plan, event]), plan=plan, event=event) for event in range(2)]
+    for plan in range(PLANS)
+]
+
+
+def _run(data: Path, *overrides: str) -> Run:
+    config = load_config(STAGES_YAML, preset="smoke", overrides=[*SHARES, *overrides])
+    return Run(
+        config=config, data=str(data), workers=1, engine=Engine.INLINE, console=Console(file=io.StringIO())
+    )
+
+
+def _shard(rows) -> Shard:
+    return Shard(table=EXPLORE.table(rows), counts={"episodes": 3, "episodes_without_meeting": 1})
+
+
+def _explored(data: Path, *, plans: int = PLANS, turn: int = 0) -> None:
+    """Stands in for `explore`: a shard for every two plans; `turn` rotates the plans' order."""
+    order = np.roll(np.arange(plans), turn).reshape(-1, 2).tolist()
+    tasks = [
+        Task(
+            name=part_name(number),
+            inputs=Inputs(parameters={"explore.max_range_m": 4.0}, items={str(p): "" for p in shard}, seed=0),
+            make=partial(_shard, [row for plan in shard for row in _SMALL_ROWS[plan]]),
+        )
+        for number, shard in enumerate(order)
+    ]
+    _run(data).build("explore", tasks, layout=LAYOUT)
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("data")
+    _explored(folder)
+    pack(_run(folder))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def dataset(data) -> Path:
+    return data / "dataset"
+
+
+def _files(dataset: Path) -> dict[str, bytes]:
+    names = ("*.parquet", "*.md", "*.png", "manifest.json")
+    return {str(p.relative_to(dataset)): p.read_bytes() for n in names for p in sorted(dataset.rglob(n))}
+
+
+def _plans_by_split(dataset: Path) -> dict[str, set[str]]:
+    return {
+        split: {
+            plan
+            for path in dataset.glob(f"pairs/{split}-*.parquet")
+            for plan in pq.read_table(path, columns=["plan_id"])["plan_id"].to_pylist()
+        }
+        for split in SPLITS
+    }
+
+
+def test_every_sighting_is_published_once_without_the_furniture(dataset):
+    table = pa.concat_tables(pq.read_table(path) for path in sorted(dataset.glob("pairs/*.parquet")))
+    assert table.column_names == [column.name for column in PAIRS.columns]
+    ids = table["pair_id"].to_pylist()
+    assert sorted(ids) == sorted(row["pair_id"] for rows in _SMALL_ROWS for row in rows)
+
+
+def test_values_come_through_unchanged(dataset):
+    path = next(iter(sorted(dataset.glob("pairs/train-*.parquet"))))
+    published = PAIRS.rows(pq.read_table(path))[0]
+    plan, event = int(published["plan_id"][-3:]), int(published["event_id"][-1])
+    made = _SMALL_ROWS[plan][event]
+    assert published["map_1"] == made["map_1"]
+    assert published["T_m0_m1_local"] == made["T_m0_m1_local"]
+    assert np.array_equal(published["trajectory_0_true"], made["trajectory_0_true"])
+
+
+def test_no_plan_is_in_two_splits_and_none_in_two_files(dataset):
+    plans = _plans_by_split(dataset)
+    assert all(plans.values())
+    assert sum(map(len, plans.values())) == PLANS == len(set.union(*plans.values()))
+    of_files = [
+        set(pq.read_table(p, columns=["plan_id"])["plan_id"].to_pylist()) for p in dataset.glob("pairs/*")
+    ]
+    assert sum(map(len, of_files)) == PLANS
+
+
+def test_files_are_numbered_and_hold_the_rows_asked_for(dataset):
+    for split in SPLITS:
+        paths = sorted(dataset.glob(f"pairs/{split}-*.parquet"))
+        assert [p.name for p in paths] == [
+            f"{split}-{i:05d}-of-{len(paths):05d}.parquet" for i in range(len(paths))
+        ]
+        rows = [pq.read_metadata(p).num_rows for p in paths]
+        assert all(r == 4 for r in rows[:-1])
+        assert 0 < rows[-1] <= 4
+
+
+def test_files_have_page_indices_raw_images_and_image_features(dataset):
+    for path in dataset.glob("pairs/*.parquet"):
+        metadata = pq.read_metadata(path)
+        group = metadata.row_group(0)
+        columns = {group.column(i).path_in_schema: group.column(i) for i in range(group.num_columns)}
+        assert all(c.has_column_index or c.is_stats_set is False for c in columns.values())
+        assert all(c.has_offset_index for c in columns.values())
+        assert {columns[f"{name}.bytes"].compression for name in ("map_0", "map_1", "image")} == {
+            "UNCOMPRESSED"
+        }
+        assert columns["overlap"].compression == "ZSTD"
+        features = json.loads(pq.read_schema(path).metadata[b"huggingface"])["info"]["features"]
+        assert features["map_0"] == {"_type": "Image"}
+
+
+def test_packing_again_writes_nothing(data, dataset):
+    before = {p: p.stat().st_mtime_ns for p in dataset.rglob("*") if p.is_file() and p.name != ".lock"}
+    pack(_run(data))
+    assert {p: p.stat().st_mtime_ns for p in before} == before
+
+
+def test_bytes_follow_from_the_sightings_alone(dataset, tmp_path):
+    _explored(tmp_path)
+    pack(_run(tmp_path))
+    assert _files(tmp_path / "dataset") == _files(dataset)
+
+
+def test_neither_order_nor_number_of_plans_moves_a_plan_to_another_split(dataset, tmp_path):
+    _explored(tmp_path, turn=3)
+    pack(_run(tmp_path))
+    turned = _plans_by_split(tmp_path / "dataset")
+    assert turned == _plans_by_split(dataset)
+
+
+def test_an_altered_file_is_made_again(data, dataset):
+    before = _files(dataset)
+    victim = next(dataset.glob("pairs/test-*.parquet"))
+    victim.write_bytes(victim.read_bytes()[:-100])
+    pack(_run(data))
+    assert _files(dataset) == before
+
+
+def test_an_empty_split_is_an_error_that_says_how_many_plans_are_needed(tmp_path):
+    _explored(tmp_path, plans=2)
+    with pytest.raises(SplitError, match="about 51 plans leave no split empty with 99 % probability"):
+        pack(_run(tmp_path, "pack.validation_fraction=0.1", "pack.test_fraction=0.1"))
+
+
+def test_sightings_that_were_never_made_are_an_error(tmp_path):
+    with pytest.raises(StoreError, match="run `rendezvous explore` first"):
+        pack(_run(tmp_path))
+
+
+def test_episodes_in_which_nobody_met_are_an_error(tmp_path):
+    task = Task(name=part_name(0), inputs=Inputs(parameters={}, items={}), make=partial(_shard, []))
+    _run(tmp_path).build("explore", [task], layout=LAYOUT)
+    with pytest.raises(SplitError, match="no robots met"):
+        pack(_run(tmp_path))
+
+
+def test_the_card_counts_what_is_there(dataset):
+    card = (dataset / "README.md").read_text()
+    plans = _plans_by_split(dataset)
+    for split in SPLITS:
+        assert f"| {split} | {len(plans[split])} | {len(plans[split])} | {2 * len(plans[split])} |" in card
+    assert "| episodes without meeting | 5 |" in card
+    assert "| `explore.max_range_m` | `4.0` |" in card
+    assert all(f"| `{column.name}` |" in card for column in PAIRS.columns)
+    assert (dataset / "pairs.png").is_file()
+    assert "](pairs.png)" in card
+    assert "](overlap.png)" in card
+
+
+# The three programs run in a process of their own, as a user's would, with no trace of this package.
+
+_DATASETS = """
+import datasets, sys
+pairs = datasets.load_dataset(sys.argv[1])
+assert set(pairs) == {"train", "validation", "test"}, pairs
+assert sum(len(split) for split in pairs.values()) == 20
+row = pairs["train"][0]
+assert isinstance(pairs["train"].features["map_0"], datasets.Image)
+assert row["map_0"].mode == "L" and {value for _, value in row["map_0"].getcolors()} <= {0, 205, 254}
+assert len(row["T_m0_m1_local"]) == 3 and row["image"] is None
+for streamed in datasets.load_dataset(sys.argv[1], split="test", streaming=True):
+    assert streamed["map_1"].size[0] > 10 and len(streamed["trajectory_0"]) > 10
+"""
+
+_DUCKDB = """
+import duckdb, sys
+counts = "count(*), count(distinct plan_id), max(len(T_m0_r0))"
+assert duckdb.sql(f"select {counts} from '{sys.argv[1]}/pairs/*.parquet'").fetchall() == [(20, 10, 3)]
+assert duckdb.sql(f"select * from '{sys.argv[1]}/pairs/*.parquet' where overlap > 1").fetchall() == []
+png = duckdb.sql(f"select map_0.bytes from '{sys.argv[1]}/pairs/train-*.parquet'").fetchall()[0][0]
+assert png.startswith(b"\\x89PNG")
+"""
+
+_POLARS = """
+import polars, sys
+pairs = polars.read_parquet(f"{sys.argv[1]}/pairs/*.parquet")
+assert pairs.height == 20 and pairs["plan_id"].n_unique() == 10
+assert pairs["map_0"].struct.field("bytes")[0].startswith(b"\\x89PNG")
+assert pairs["T_m0_m1_local"].dtype == polars.Array(polars.Float64, 3)
+lazy = polars.scan_parquet(f"{sys.argv[1]}/pairs/train-*.parquet").filter(polars.col("overlap") > 2).collect()
+assert lazy.height == 0
+"""
+
+
+@pytest.mark.parametrize("program", [_DATASETS, _DUCKDB, _POLARS], ids=["datasets", "duckdb", "polars"])
+def test_opens_with_no_options_in(program, dataset, tmp_path):
+    environment = {"HF_HOME": str(tmp_path), "HF_DATASETS_OFFLINE": "1", "HF_HUB_OFFLINE": "1"}
+    done = subprocess.run(
+        [sys.executable, "-c", program, str(dataset)],
+        env={"PATH": "", "HOME": str(tmp_path), **environment},
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr[-2000:]
