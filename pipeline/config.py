@@ -43,10 +43,12 @@ class StageSection(Section):
         """Values as JSON holds them, by their full key, e.g. `explore.max_range_m`.
 
         Args:
-            exclude: fields on which the content of a shard does not depend.
+            exclude: keys below the section, such as `generate.count`, on which a shard does not depend;
+                a key leaves out all that is below it.
         """
-        values = self.model_dump(mode="json", exclude=set(exclude))
-        return _flattened(self.stage(), values)
+        left_out = tuple(f"{self.stage()}.{key}." for key in exclude)
+        values = _flattened(self.stage(), self.model_dump(mode="json"))
+        return {key: value for key, value in values.items() if not f"{key}.".startswith(left_out)}
 
 
 class Generated(Section):
@@ -73,9 +75,17 @@ class FloorplansSection(StageSection):
 
 
 class MeshesSection(StageSection):
-    """How floor plans become solids."""
+    """How floor plans become solids.
+
+    Attributes:
+        wall_height_m: height of the walls.
+        furniture_density: of the example furniture in the furnished GLB: 0 none, 1 moderate, 2 crowded.
+        plans_per_shard: at most as many as a shard of `floorplans` has.
+    """
 
     wall_height_m: Positive
+    furniture_density: Annotated[float, Field(ge=0, le=3)]
+    plans_per_shard: PositiveInt
 
 
 class ExploreSection(StageSection):

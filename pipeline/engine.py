@@ -57,6 +57,10 @@ class Run:
         """The output of an earlier stage."""
         return StageReader(self.folder(stage), stage)
 
+    def say(self, line: str) -> None:
+        """Print a line beside the progress bars."""
+        self.console.print(line, highlight=False, markup=False, soft_wrap=True)
+
     def build(
         self,
         stage: str,
