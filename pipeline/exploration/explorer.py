@@ -12,6 +12,7 @@ import numpy as np
 
 from pipeline.exploration.frontier import PlanningMap, Reach, frontiers, path_m, planning_map, reach
 from pipeline.geometry.se2 import Array
+from pipeline.simulation.drive import TICK_S
 from pipeline.simulation.lidar import beam_bearings
 from pipeline.simulation.robot import RobotSpec
 from pipeline.slam.odometry import WheelOdometry
@@ -31,10 +32,14 @@ class ExplorerParameters:
         turn_gain: turn rate per heading error [1/s].
         turn_limit_radps: largest turn rate; a lidar sweep skews with it.
         turn_first_rad: with a larger heading error the robot turns on the spot.
+        accel_mps2, turn_accel_radps2: limits on changes of the command.
+        clear_m: distance that r keeps from every surface in sight, judged ahead of time.
+        slip_m, slip_rad: encoders and SLAM disagreeing by more over one sweep means that something unseen
+            holds the robot; it backs off.
         stuck_s: without progress for so long, it backs off and looks for another goal.
     """
 
-    hard_clearance_m: float = 0.13
+    hard_clearance_m: float = 0.15
     soft_clearance_m: float = 0.30
     least_frontier_m: float = 0.4
     gain: float = 0.6
@@ -43,12 +48,17 @@ class ExplorerParameters:
     turn_gain: float = 2.5
     turn_limit_radps: float = 1.5
     turn_first_rad: float = 0.8
+    accel_mps2: float = 1.0
+    turn_accel_radps2: float = 6.0
+    clear_m: float = 0.125
+    slip_m: float = 0.012
+    slip_rad: float = 0.06
     stuck_s: float = 5.0
 
 
 _BACK_OFF_S = 1.2
-_BUMPER_M = (0.16, 0.09)
-"""Ahead and to each side of r: with a surface in there the robot does not drive on."""
+_SHUN_S = 30.0
+_FORESIGHT_S = np.array([0.2, 0.4, 0.6, 0.8])
 
 
 class Explorer:
@@ -83,7 +93,10 @@ class Explorer:
         self._progress_s = 0.0
         self._back_off_until_s = 0.0
         self._back_off_turn = 0.0
-        self._blocked = False
+        self._back_off_speed = 0.0
+        self._bumps: list[tuple[float, float, float]] = []
+        self._slipping = 0
+        self._twist = (0.0, 0.0)
 
     def read_encoders(self, time_s: float, wheels_rad: tuple[float, float]) -> None:
         """Take a reading of the wheel angles (left, right)."""
@@ -93,13 +106,17 @@ class Explorer:
 
     def read_lidar(self, ranges_m: Array) -> None:
         """Take the sweep that ended with the last encoder reading: (B,) [m]."""
+        before = self.slam.pose() if self.slam.has_started() else None
         self.slam.update(Sweep(ranges_m=ranges_m, odometry=np.array(self._knots)))
+        if before is not None:
+            self._feel(relative(self._knots[0], self._knots[-1]), relative(before, self.slam.pose()))
         self._knots = self._knots[-1:]
-        points = self.slam.points_m
-        ahead, aside = _BUMPER_M
-        self._blocked = bool(
-            np.any((points[:, 0] > 0.0) & (points[:, 0] < ahead) & (np.abs(points[:, 1]) < aside))
-        )
+
+    def _feel(self, rolled: Array, moved: Array) -> None:
+        """Notice that the wheels turn without the robot following."""
+        slip = rolled - moved
+        is_slip = math.hypot(slip[0], slip[1]) > self._p.slip_m or abs(slip[2]) > self._p.slip_rad
+        self._slipping = self._slipping + 1 if is_slip else 0
 
     def odometry_pose(self) -> Array:
         """(3,) dead-reckoned pose, its origin at the start."""
@@ -111,11 +128,26 @@ class Explorer:
 
     def twist(self) -> tuple[float, float]:
         """Speed [m/s] and turn rate [rad/s] to drive with until the next reading."""
-        pose = self.pose()
+        p = self._p
+        speed, turn = self._wanted_twist(self.pose())
+        last_speed, last_turn = self._twist
+        step, turn_step = p.accel_mps2 * TICK_S, p.turn_accel_radps2 * TICK_S
+        self._twist = (
+            max(last_speed - step, min(last_speed + step, speed)),
+            max(last_turn - turn_step, min(last_turn + turn_step, turn)),
+        )
+        return self._twist
+
+    def _wanted_twist(self, pose: Array) -> tuple[float, float]:
         if self._time_s < self._back_off_until_s:
-            return -0.5 * self._spec.max_speed_mps, self._back_off_turn
+            return self._reverse(pose)
+        if self._slipping >= 2:
+            ahead_m = math.copysign(1.5 * self._spec.radius_m, self._twist[0])
+            x_m, y_m, _ = compose(pose, np.array([ahead_m, 0.0, 0.0]))
+            self._bumps.append((float(x_m), float(y_m), self._time_s + _SHUN_S))
+            return self._back_off(pose)
         if self._is_stuck(pose):
-            return self._back_off()
+            return self._back_off(pose)
         if self._wants_plan(pose):
             self._make_plan(pose)
         if len(self._path_m) == 0:
@@ -135,11 +167,32 @@ class Explorer:
         turn = max(-p.turn_limit_radps, min(p.turn_limit_radps, p.turn_gain * error))
         if abs(error) > p.turn_first_rad:
             return 0.0, turn
-        if self._blocked:
-            # Something stands where the map had nothing: look again, turning away meanwhile.
-            self._plan_until_s = min(self._plan_until_s, self._time_s + 0.5)
-            return 0.0, math.copysign(0.5, error)
-        return self._spec.max_speed_mps * (1.0 - 0.6 * abs(error) / p.turn_first_rad), turn
+        speed = self._spec.max_speed_mps * (1.0 - 0.6 * abs(error) / p.turn_first_rad)
+        if self._is_clear(pose, speed, turn):
+            return speed, turn
+        # Too close to something: look again soon, turning towards the path meanwhile.
+        self._plan_until_s = min(self._plan_until_s, self._time_s + 0.5)
+        if self._is_clear(pose, 0.4 * speed, turn):
+            return 0.4 * speed, turn
+        return 0.0, math.copysign(max(abs(turn), 0.3), error)
+
+    def _is_clear(self, pose: Array, speed: float, turn: float) -> bool:
+        """Whether this twist keeps its distance from all surfaces of the last sweep, or leaves them."""
+        points_m = self._surfaces_m(pose)
+        half_turn = 0.5 * turn * _FORESIGHT_S
+        ahead_m = speed * _FORESIGHT_S
+        x_m, y_m = ahead_m * np.cos(half_turn), ahead_m * np.sin(half_turn)
+        near2 = (points_m[:, 0] - x_m[:, None]) ** 2 + (points_m[:, 1] - y_m[:, None]) ** 2
+        now2 = (points_m**2).sum(axis=1)
+        return not bool(((near2 < self._p.clear_m**2) & (near2 < now2)).any())
+
+    def _surfaces_m(self, pose: Array) -> Array:
+        """(N, 2) surface points of the last sweep near the robot, where it is now."""
+        points_m = self.slam.points_m
+        points_m = points_m[(points_m**2).sum(axis=1) < 0.25]
+        moved = relative(pose, self.slam.pose())
+        c, s = math.cos(moved[2]), math.sin(moved[2])
+        return points_m @ np.array([[c, s], [-s, c]]) + moved[:2]
 
     def _wants_plan(self, pose: Array) -> bool:
         if len(self._path_m) == 0 or self._time_s >= self._plan_until_s:
@@ -155,6 +208,8 @@ class Explorer:
         plan = planning_map(
             log_odds, T_m_g, resolution_m=mapping.resolution_m, occupied=mapping.occupied, free=mapping.free
         )
+        self._bumps = [bump for bump in self._bumps if bump[2] > self._time_s]
+        plan = plan.with_obstacles([(x_m, y_m) for x_m, y_m, _ in self._bumps])
         ways = reach(
             plan,
             plan.cell_at(pose[0], pose[1]),
@@ -198,14 +253,22 @@ class Explorer:
             self._progress, self._progress_s = pose, self._time_s
         return self._time_s - self._progress_s > self._p.stuck_s
 
-    def _back_off(self) -> tuple[float, float]:
-        """Reverse along a random arc, and leave this goal alone for a while."""
+    def _back_off(self, pose: Array) -> tuple[float, float]:
+        """Leave this goal alone for a while, and reverse along a random arc."""
         if len(self._path_m):
             goal = self._path_m[-1]
-            self._shunned.append((float(goal[0]), float(goal[1]), self._time_s + 30.0))
+            self._shunned.append((float(goal[0]), float(goal[1]), self._time_s + _SHUN_S))
         self._path_m = np.zeros((0, 2))
+        self._slipping = 0
         self._progress_s = self._time_s
         self._back_off_until_s = self._time_s + _BACK_OFF_S
         # Uniform turn rate: two robots that block each other part ways.
         self._back_off_turn = float(self._rng.uniform(-1.0, 1.0))
-        return -0.5 * self._spec.max_speed_mps, self._back_off_turn
+        self._back_off_speed = -math.copysign(0.5 * self._spec.max_speed_mps, self._twist[0])
+        return self._reverse(pose)
+
+    def _reverse(self, pose: Array) -> tuple[float, float]:
+        """Go back, unless there is something behind."""
+        if self._is_clear(pose, self._back_off_speed, self._back_off_turn):
+            return self._back_off_speed, self._back_off_turn
+        return 0.0, self._back_off_turn

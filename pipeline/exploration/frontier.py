@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -38,6 +39,17 @@ class PlanningMap:
     clearance_m: NDArray[np.float32]
     cell_m: float
     T_m_g: SE2
+
+    def with_obstacles(self, points_m: Sequence[tuple[float, float]]) -> PlanningMap:
+        """The same map with something standing at these points of the map frame."""
+        if not points_m:
+            return self
+        cells = self.cells.copy()
+        for x_m, y_m in points_m:
+            cells[self.cell_at(x_m, y_m)] = OCCUPIED
+        return PlanningMap(
+            cells=cells, clearance_m=_clearance(cells, self.cell_m), cell_m=self.cell_m, T_m_g=self.T_m_g
+        )
 
     def centre_m(self, row: int, col: int) -> tuple[float, float]:
         """Centre of a cell in the map frame."""
@@ -79,13 +91,17 @@ def planning_map(
     """Coarsen a log-odds grid (H, W); thresholds as for the occupancy grid."""
     cells = _coarsen(log_odds, occupied, free)
     cell_m = BLOCK * resolution_m
-    clearance = cv2.distanceTransform((cells != OCCUPIED).astype(np.uint8), cv2.DIST_L2, 5)
     return PlanningMap(
         cells=cells,
-        clearance_m=np.asarray(clearance, np.float32) * np.float32(cell_m),
+        clearance_m=_clearance(cells, cell_m),
         cell_m=cell_m,
         T_m_g=T_m_g @ SE2(-cell_m, -cell_m, 0.0),
     )
+
+
+def _clearance(cells: NDArray[np.uint8], cell_m: float) -> NDArray[np.float32]:
+    cells_away = cv2.distanceTransform((cells != OCCUPIED).astype(np.uint8), cv2.DIST_L2, 5)
+    return np.asarray(cells_away, np.float32) * np.float32(cell_m)
 
 
 @nb.njit(cache=True)

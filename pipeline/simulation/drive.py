@@ -29,7 +29,7 @@ class OdometryNoise:
             has no wheels to slip.
     """
 
-    scale_sigma: float = 0.005
+    scale_sigma: float = 0.002
     tick_rad: float = 2.0 * math.pi / 4096
     jitter_rad: float = 0.001
     planar_slip: float = 0.02

@@ -158,9 +158,9 @@ def _planar_joints(name: str) -> str:
 
 def _actuators(name: str, spec: RobotSpec, drive: Drive) -> str:
     if drive is Drive.WHEELS:
-        # Stall torque of the XL430; a stiffer velocity loop chatters at 5 ms and slips by decimetres.
+        # Stall torque of the XL430; a stiffer velocity loop breaks the tyres' grip at every change of speed.
         return "\n".join(
-            f'    <velocity name="{name}_{side}" joint="{name}_{side}" kv="0.1" forcerange="-1.5 1.5"/>'
+            f'    <velocity name="{name}_{side}" joint="{name}_{side}" kv="0.03" forcerange="-1.5 1.5"/>'
             for side in ("left", "right")
         )
     gains = {"x": 40.0 * spec.mass_kg, "y": 40.0 * spec.mass_kg, "yaw": 0.1 * spec.mass_kg}

@@ -45,8 +45,8 @@ class MatchParameters:
     prior_yaw_per_rad: float = 0.05
 
 
-# Columns of an element: weight, weighted sums of x, y and of the normal.
-_WEIGHT, _X, _Y, _NX, _NY = range(5)
+# Columns of an element: mean x and y, unit normal, weight, and the length of the mean of its normals.
+_X, _Y, _NX, _NY, _WEIGHT, _LENGTH = range(6)
 
 
 @nb.njit(cache=True)
@@ -126,7 +126,7 @@ def _insert(
         k = index[row, col]
         while k >= 0:
             e = elements[k]
-            if e[_NX] * nx + e[_NY] * ny > same_side * math.sqrt(e[_NX] ** 2 + e[_NY] ** 2):
+            if e[_NX] * nx + e[_NY] * ny > same_side:
                 break
             k = after[k]
         if k < 0:
@@ -140,11 +140,14 @@ def _insert(
         # A weight of 1 is one point at a sigma of 1 cm.
         w = (0.01 / sigma_m[i]) ** 2
         if e[_WEIGHT] < max_weight:
+            share = w / (e[_WEIGHT] + w)
+            e[_X] += share * (x - e[_X])
+            e[_Y] += share * (y - e[_Y])
+            mean_x = (1.0 - share) * e[_LENGTH] * e[_NX] + share * nx
+            mean_y = (1.0 - share) * e[_LENGTH] * e[_NY] + share * ny
+            e[_LENGTH] = math.sqrt(mean_x * mean_x + mean_y * mean_y)
+            e[_NX], e[_NY] = mean_x / e[_LENGTH], mean_y / e[_LENGTH]
             e[_WEIGHT] += w
-            e[_X] += w * x
-            e[_Y] += w * y
-            e[_NX] += w * nx
-            e[_NY] += w * ny
     return count
 
 
@@ -170,11 +173,9 @@ def _nearest(
             k = index[r, q]
             while k >= 0:
                 e = elements[k]
-                dx, dy = e[_X] / e[_WEIGHT] - x, e[_Y] / e[_WEIGHT] - y
+                dx, dy = e[_X] - x, e[_Y] - y
                 d2 = dx * dx + dy * dy
-                if d2 < best_d2 and e[_NX] * nx + e[_NY] * ny > same_side * math.sqrt(
-                    e[_NX] ** 2 + e[_NY] ** 2
-                ):
+                if d2 < best_d2 and e[_NX] * nx + e[_NY] * ny > same_side:
                     best, best_d2 = k, d2
                 k = after[k]
     return best
@@ -208,9 +209,12 @@ def _match(
     for _ in range(iterations):
         c, s = math.cos(pose[2]), math.sin(pose[2])
         ex, ey, ea = pose[0] - prior[0], pose[1] - prior[1], pose[2] - prior[2]
-        h00, h01, h11, h22 = pxx, pxy, pyy, prior_info[2]
+        # Cauchy as well: wheels that spin against an obstacle must not outvote the walls.
+        off = pxx * ex * ex + 2.0 * pxy * ex * ey + pyy * ey * ey + prior_info[2] * ea * ea
+        trust = 1.0 / (1.0 + off / 9.0)
+        h00, h01, h11, h22 = trust * pxx, trust * pxy, trust * pyy, trust * prior_info[2]
         h02 = h12 = 0.0
-        g0, g1, g2 = pxx * ex + pxy * ey, pxy * ex + pyy * ey, prior_info[2] * ea
+        g0, g1, g2 = h00 * ex + h01 * ey, h01 * ex + h11 * ey, h22 * ea
         used = 0
         for i in range(0, points_m.shape[0], step):
             if normals[i, 0] == 0.0 and normals[i, 1] == 0.0:
@@ -224,9 +228,8 @@ def _match(
             if k < 0:
                 continue
             e = elements[k]
-            norm = math.sqrt(e[_NX] ** 2 + e[_NY] ** 2)
-            mx, my = e[_NX] / norm, e[_NY] / norm
-            r = mx * (x - e[_X] / e[_WEIGHT]) + my * (y - e[_Y] / e[_WEIGHT])
+            mx, my = e[_NX], e[_NY]
+            r = mx * (x - e[_X]) + my * (y - e[_Y])
             var = sigma_m[i] ** 2 + 1e-4 / e[_WEIGHT] + 2.5e-5
             w = 1.0 / (var + r * r / 4.0)
             j2 = -mx * ry + my * rx
@@ -263,7 +266,7 @@ class SurfaceMap:
         cells = 2 * math.ceil(0.5 * extent_m / parameters.cell_m)
         self._p = parameters
         self._index = np.full((cells, cells), -1, np.int32)
-        self._elements = np.zeros((4096, 5))
+        self._elements = np.zeros((4096, 6))
         self._after = np.full(4096, -1, np.int32)
         self._count = 0
 

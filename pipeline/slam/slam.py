@@ -138,6 +138,10 @@ class Slam:
         self.mapper.integrate(points_m, origins_m, hits, clears, self._pose)
         self.points_m = points_m[hits]
 
+    def has_started(self) -> bool:
+        """Whether a sweep has come in."""
+        return self._pose is not None
+
     def pose(self) -> Array:
         """(3,) x, y [m] and yaw [rad], unrolled, of the robot in its map at the end of the last sweep."""
         assert self._pose is not None
