@@ -33,17 +33,20 @@ class MatchParameters:
     """
 
     cell_m: float = 0.10
-    beam_step: int = 3
+    beam_step: int = 1
     normal_radius_m: float = 0.20
     gate_m: float = 0.15
     same_side: float = 0.7
     max_weight: float = 60.0
-    iterations: int = 8
+    iterations: int = 6
     prior_xy_m: float = 0.004
     prior_xy_per_m: float = 0.05
-    prior_yaw_rad: float = 0.004
+    prior_yaw_rad: float = 0.008
     prior_yaw_per_rad: float = 0.05
 
+
+# Points look for their surface in the first steps only; by then the scan has nearly settled.
+_ASSOCIATIONS = 3
 
 # Columns of an element: mean x and y, unit normal, weight, and the length of the mean of its normals.
 _X, _Y, _NX, _NY, _WEIGHT, _LENGTH = range(6)
@@ -205,8 +208,10 @@ def _match(
     pxy = cp * sp * (prior_info[0] - prior_info[1])
     pyy = sp * sp * prior_info[0] + cp * cp * prior_info[1]
     H, g = np.zeros((3, 3)), np.zeros(3)
+    n = (points_m.shape[0] + step - 1) // step
+    matched = np.empty(n, np.int32)
     used = 0
-    for _ in range(iterations):
+    for iteration in range(iterations):
         c, s = math.cos(pose[2]), math.sin(pose[2])
         ex, ey, ea = pose[0] - prior[0], pose[1] - prior[1], pose[2] - prior[2]
         # Cauchy as well: wheels that spin against an obstacle must not outvote the walls.
@@ -216,18 +221,22 @@ def _match(
         h02 = h12 = 0.0
         g0, g1, g2 = h00 * ex + h01 * ey, h01 * ex + h11 * ey, h22 * ea
         used = 0
-        for i in range(0, points_m.shape[0], step):
+        for j in range(n):
+            i = j * step
             if normals[i, 0] == 0.0 and normals[i, 1] == 0.0:
+                continue
+            if iteration >= _ASSOCIATIONS and matched[j] < 0:
                 continue
             rx = c * points_m[i, 0] - s * points_m[i, 1]
             ry = s * points_m[i, 0] + c * points_m[i, 1]
             x, y = pose[0] + rx, pose[1] + ry
-            nx = c * normals[i, 0] - s * normals[i, 1]
-            ny = s * normals[i, 0] + c * normals[i, 1]
-            k = _nearest(x, y, nx, ny, index, after, elements, cell_m, gate_m, same_side)
-            if k < 0:
-                continue
-            e = elements[k]
+            if iteration < _ASSOCIATIONS:
+                nx = c * normals[i, 0] - s * normals[i, 1]
+                ny = s * normals[i, 0] + c * normals[i, 1]
+                matched[j] = _nearest(x, y, nx, ny, index, after, elements, cell_m, gate_m, same_side)
+                if matched[j] < 0:
+                    continue
+            e = elements[matched[j]]
             mx, my = e[_NX], e[_NY]
             r = mx * (x - e[_X]) + my * (y - e[_Y])
             var = sigma_m[i] ** 2 + 1e-4 / e[_WEIGHT] + 2.5e-5
@@ -249,7 +258,7 @@ def _match(
         g[0], g[1], g[2] = g0, g1, g2
         delta = np.linalg.solve(H, g)
         pose -= delta
-        if abs(delta[0]) + abs(delta[1]) < 2e-4 and abs(delta[2]) < 1e-4:
+        if abs(delta[0]) + abs(delta[1]) < 5e-4 and abs(delta[2]) < 2e-4:
             break
     return pose, used
 

@@ -75,18 +75,24 @@ def deskew(
     return points, origins
 
 
+@nb.njit(cache=True)
 def open_space(ranges_m: Array, run: int) -> NDArray[np.bool_]:
     """(B,) bool: beams without echo in a run of at least `run` such neighbours."""
-    silent = ~np.isfinite(ranges_m)
-    if silent.all():
-        return silent
-    first_echo = int(np.argmin(silent))
-    rolled = np.roll(silent, -first_echo)
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], rolled.view(np.int8), [0]])))
-    for begin, end in zip(edges[::2], edges[1::2], strict=True):
-        if end - begin < run:
-            rolled[begin:end] = False
-    return np.roll(rolled, first_echo)
+    n = ranges_m.shape[0]
+    found = np.zeros(n, np.bool_)
+    length = 0
+    # Round once more, so that a run across the first beam is seen whole.
+    for i in range(2 * n):
+        if math.isfinite(ranges_m[i % n]):
+            length = 0
+            continue
+        length += 1
+        if length == run:
+            for k in range(run):
+                found[(i - k) % n] = True
+        elif length > run:
+            found[i % n] = True
+    return found
 
 
 class Slam:
