@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,9 @@ TRIES = 10
 
 FAILURES = 4
 """A room is full when this many pieces in a row find no place."""
+
+ROUND_M2 = 18.0
+"""Floor per round of a recipe: only large rooms hold the same twice."""
 
 WALL_SPOT_STEP_M = 0.2
 
@@ -57,11 +61,14 @@ def furnish(floorplan: Floorplan, rng: np.random.Generator, *, density: float) -
 
 
 class _FloorSpace:
-    """One room of a site: its cells (N, 2) row, col and wall spots (M, 3) x [m], y [m], normal [rad]."""
+    """One room of a site: a quarter of its cells (N, 2) row, col, and its wall spots (M, 3).
+
+    A wall spot is x [m], y [m] on a wall and the heading of the wall's normal [rad].
+    """
 
     def __init__(self, *, site: Site, cells: NDArray[np.int64], spots: Array) -> None:
         self.site, self.cells, self.spots = site, cells, spots
-        self.area_m2 = len(cells) * CELL_M**2
+        self.area_m2 = 4.0 * len(cells) * CELL_M**2
 
 
 def _furnished(
@@ -70,37 +77,36 @@ def _furnished(
     """Pieces until the floor that they take reaches the room's budget, or no more find a place."""
     recipe = recipe_for(category, area_m2=room.area_m2)
     # Uniform: the rooms of one storey are not equally full.
-    budget_m2 = density * recipe.fill * room.area_m2 * rng.uniform(0.5, 1.4)
+    budget_m2 = density * recipe.fill * room.area_m2 * rng.uniform(0.6, 1.4)
     solids: list[Solid] = []
-    queue, failures = list(recipe.first), 0
-    while budget_m2 > 0.0 and failures < FAILURES:
-        piece = _next_piece(recipe, queue, rng)
+    failures = 0
+    for make in _queue(recipe, rng, rounds=1 + int(density * room.area_m2 / ROUND_M2)):
+        piece = make(rng)
         area_m2 = 4.0 * piece.half_x_m * piece.half_y_m
-        placed = _placed(piece, room, rng, item) if area_m2 < 1.5 * budget_m2 else ()
-        if placed:
-            solids += placed
+        if area_m2 > 1.5 * budget_m2:
+            continue
+        pose = room.site.place_in_place(piece, _poses(piece, room, rng))
+        failures = 0 if pose is not None else failures + 1
+        if failures == FAILURES:
+            break
+        if pose is not None:
+            solids += piece.placed(pose, item=item)
             budget_m2 -= area_m2
             item += 1
-        failures = 0 if placed else failures + 1
     return solids
 
 
-def _next_piece(recipe: Recipe, queue: list[Maker], rng: np.random.Generator) -> Piece:
-    make = queue.pop(0) if queue else recipe.then[int(rng.integers(len(recipe.then)))]
-    return make(rng)
+def _queue(recipe: Recipe, rng: np.random.Generator, *, rounds: int) -> Iterator[Maker]:
+    """What makes the room what it is, then the rest in random order, each once per round."""
+    yield from recipe.first
+    for _ in range(rounds):
+        for i in rng.permutation(len(recipe.then)):
+            yield recipe.then[i]
 
 
-def _placed(piece: Piece, room: _FloorSpace, rng: np.random.Generator, item: int) -> tuple[Solid, ...]:
-    """The piece's solids where it fits, or none after `TRIES` places that do not do."""
-    poses = _wall_poses(piece, room.spots, rng) if piece.at_wall else _free_poses(room, rng)
-    footprints_m = _rectangles(poses, piece.half_x_m, piece.half_y_m)
-    inside = room.site.inside(footprints_m)
-    for (x_m, y_m, yaw_rad), footprint_m in zip(poses[inside].tolist(), footprints_m[inside], strict=True):
-        if room.site.is_vacant(footprint_m):
-            solids = piece.placed(x_m, y_m, yaw_rad, item=item)
-            if room.site.admit_in_place(solids, footprint_m):
-                return solids
-    return ()
+def _poses(piece: Piece, room: _FloorSpace, rng: np.random.Generator) -> Array:
+    """(T, 3) x [m], y [m], yaw [rad] to try."""
+    return _wall_poses(piece, room.spots, rng) if piece.at_wall else _free_poses(room, rng)
 
 
 def _wall_poses(piece: Piece, spots: Array, rng: np.random.Generator) -> Array:
@@ -115,20 +121,11 @@ def _wall_poses(piece: Piece, spots: Array, rng: np.random.Generator) -> Array:
 def _free_poses(room: _FloorSpace, rng: np.random.Generator) -> Array:
     """(T, 3) x [m], y [m], yaw [rad]: anywhere, four in five about square to a wall."""
     row_col = room.cells[rng.integers(len(room.cells), size=TRIES)]
-    xy_m = room.site.origin_m + CELL_M * (row_col[:, ::-1] + rng.random((TRIES, 2)))
+    xy_m = room.site.origin_m + CELL_M * (row_col[:, ::-1] + 2.0 * rng.random((TRIES, 2)))
     normal_rad = room.spots[rng.integers(len(room.spots), size=TRIES), 2]
     square_rad = normal_rad + 0.5 * math.pi * rng.integers(4, size=TRIES) + rng.normal(0.0, 0.06, size=TRIES)
     any_rad = rng.uniform(-math.pi, math.pi, size=TRIES)
     return np.column_stack([xy_m, np.where(rng.random(TRIES) < 0.8, square_rad, any_rad)])
-
-
-def _rectangles(poses: Array, half_x_m: float, half_y_m: float) -> Array:
-    """(T, 4, 2) [m] corners of rectangles at poses (T, 3)."""
-    corners_m = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]) * (half_x_m, half_y_m)
-    cos, sin = np.cos(poses[:, 2:]), np.sin(poses[:, 2:])
-    x_m = poses[:, 0:1] + cos * corners_m[:, 0] - sin * corners_m[:, 1]
-    y_m = poses[:, 1:2] + sin * corners_m[:, 0] + cos * corners_m[:, 1]
-    return np.stack([x_m, y_m], axis=2)
 
 
 def _wall_spots(floorplan: Floorplan, site: Site) -> list[Array]:
@@ -151,8 +148,7 @@ def _category(room: _FloorSpace, labels: tuple[Room, ...]) -> str:
     """The label whose box covers most of the room; of several that do about equally, the smallest box."""
     if not labels:
         return ""
-    # Every 16th cell tells enough.
-    p_m = room.site.origin_m + CELL_M * (room.cells[::16, ::-1] + 0.5)
+    p_m = room.site.origin_m + CELL_M * (room.cells[::5, ::-1] + 0.5)
     boxes_m = np.array([label.box_m for label in labels])
     covered = (p_m[:, None] >= boxes_m[:, :2]) & (p_m[:, None] <= boxes_m[:, 2:])
     share = covered.all(axis=2).mean(axis=0)

@@ -88,7 +88,7 @@ def generate_floorplan(
         if not drawn_from.rooms[0] <= len(layout.cells) <= drawn_from.rooms[1]:
             reason = f"{len(layout.cells)} rooms"
             continue
-        if not all(is_compact(cell) for i, cell in enumerate(layout.cells) if i != layout.hub):
+        if _wraps(layout):
             reason = "a room wraps around another"
             continue
         try:
@@ -102,6 +102,15 @@ def shipped_floorplans(count: int, *, seed: int = 0) -> list[Floorplan]:
     """The plans of the folder `floorplans/`: `rdv-000`, `rdv-001`, ..."""
     ids = [f"rdv-{index:03d}" for index in range(count)]
     return [generate_floorplan(stream(seed, "shipped", plan_id), plan_id=plan_id) for plan_id in ids]
+
+
+def _wraps(layout: Layout) -> bool:
+    """Whether a room is wrapped around the hub or around several others."""
+    hub = layout.cells[layout.hub]
+    others = [cell for i, cell in enumerate(layout.cells) if i != layout.hub]
+    return any(
+        not is_compact(cell) or cell.convex_hull.intersection(hub).area > 0.5 * hub.area for cell in others
+    )
 
 
 def _built(

@@ -1,29 +1,22 @@
-"""A floor plan on a grid, and what of it a robot still reaches as furniture comes in.
-
-`reachable` marks where the robot's centre can be: one connected set. A piece is admitted if that set, less
-what the piece covers, stays in one piece but for small pockets behind it. Most often a small window around
-the piece decides: if all that leaves the window is connected within it, nothing outside is cut off.
-"""
+"""A floor plan on a grid, and what of it a robot still reaches as furniture comes in."""
 
 from __future__ import annotations
-
-import math
-from collections.abc import Sequence
 
 import cv2
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from pipeline.floorplan.catalogue import DRIVE_UNDER_M
-from pipeline.floorplan.records import Floorplan, Shape, Solid
+from pipeline.floorplan.catalogue import Piece
+from pipeline.floorplan.reach import Mask, admit_in_place, first_vacant, mark_in_place
+from pipeline.floorplan.records import Floorplan, Shape
 from pipeline.floorplan.validate import start_regions
 from pipeline.geometry.se2 import Array
 
 CELL_M = 0.05
 
-INFLATION_CELLS = 4
-"""Cells between an obstacle and the robot's centre: at least 0.165 m, whatever the rounding."""
+CLEARANCE_M = 0.17
+"""From a solid to the robot's centre: the Burger's radius, 0.105 m, and room to steer."""
 
 DOOR_CLEARANCE_M = 0.7
 """Nothing stands this close to the middle of a doorway."""
@@ -36,11 +29,6 @@ MIN_REGION_LEFT = 0.4
 
 SHIFT = 4
 """Binary digits of the fractions of a pixel that OpenCV draws with."""
-
-DISC = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * INFLATION_CELLS + 1, 2 * INFLATION_CELLS + 1))
-
-Mask = NDArray[np.uint8]
-Window = tuple[slice, slice]
 
 
 class Site:
@@ -57,132 +45,107 @@ class Site:
         self.origin_m = floorplan.outline_m.min(axis=0) - 2.0 * CELL_M
         size = np.ceil((floorplan.outline_m.max(axis=0) - self.origin_m) / CELL_M).astype(int) + 2
         self._shape = (int(size[1]), int(size[0]))
-        self._everywhere = (slice(0, self._shape[0]), slice(0, self._shape[1]))
         self._free_space = floorplan.free_space()
         shapely.prepare(self._free_space)
         free = self._free_cells(floorplan)
-        self.reachable = _largest_component(cv2.erode(free, DISC))
+        self.reachable = _largest_component(cv2.erode(free, _disc(CLEARANCE_M)))
         regions = start_regions(floorplan)
         self.room_count = len(regions)
         self.region_of_cell = np.zeros(self._shape, np.uint8)
         for index, region in enumerate(regions, start=1):
-            self._draw(self.region_of_cell, np.asarray(region.exterior.coords), index, self._everywhere)
+            self._draw(self.region_of_cell, np.asarray(region.exterior.coords), index)
         self.room_of_cell = _nearest_region(self.region_of_cell) * free
-        self._taken = _doorways(self.room_of_cell)
-        self._region_left = self._cells_per_region(self.region_of_cell[self.reachable > 0])
-        self._region_least = MIN_REGION_LEFT * self._region_left
+        self._taken = _doorways(self.room_of_cell) | (self.room_of_cell == 0).astype(np.uint8)
+        reached = self.region_of_cell[self.reachable > 0]
+        self._region_left = np.bincount(reached, minlength=self.room_count + 1)
+        self._region_least = np.ceil(MIN_REGION_LEFT * self._region_left).astype(np.int64)
 
     def cells_per_room(self) -> list[NDArray[np.int64]]:
-        """Per room (N, 2) row, col of its cells."""
-        row, col = np.nonzero(self.room_of_cell)
-        rooms = self.room_of_cell[row, col]
+        """Per room (N, 2) row, col of every fourth of its cells: enough to draw places from."""
+        row, col = np.nonzero(self.room_of_cell[::2, ::2])
+        rooms = self.room_of_cell[2 * row, 2 * col]
         order = np.argsort(rooms, kind="stable")
         counts = np.bincount(rooms, minlength=self.room_count + 1)[1:]
-        return np.split(np.stack([row, col], axis=1)[order], np.cumsum(counts)[:-1])
+        return np.split(2 * np.stack([row, col], axis=1)[order], np.cumsum(counts)[:-1])
 
     def room_at(self, p_m: Array) -> NDArray[np.int32]:
         """(N,) the rooms of points (N, 2) [m], 0 in the walls."""
         col, row = np.floor((p_m - self.origin_m) / CELL_M).astype(int).T
         return self.room_of_cell[row, col]
 
-    def inside(self, footprints_m: Array) -> NDArray[np.bool_]:
-        """(N,) whether footprints (N, 4, 2) [m] lie in the free space wholly."""
-        return shapely.covers(self._free_space, shapely.polygons(footprints_m))
+    def place_in_place(self, piece: Piece, poses: Array) -> Array | None:
+        """Put a piece at the first of these poses (T, 3) at which it fits.
 
-    def is_vacant(self, footprint_m: Array) -> bool:
-        """Whether a footprint (4, 2) [m] touches no doorway and no other footprint."""
-        window = self._window(footprint_m, 0)
-        cover = np.zeros(self._taken[window].shape, np.uint8)
-        self._draw(cover, footprint_m, 1, window)
-        return not (cover & self._taken[window]).any()
-
-    def admit_in_place(self, solids: Sequence[Solid], footprint_m: Array) -> bool:
-        """Add a piece, unless it would part what is reachable or fill a start region.
-
-        Args:
-            solids: the piece.
-            footprint_m: (4, 2) [m] rectangle around it.
+        It fits where its rectangle lies in the free space, clear of doorways and other pieces, and where what
+        the robot reaches stays connected.
 
         Returns:
-            Whether it was added.
+            The pose (3,) x [m], y [m], yaw [rad], or None.
         """
-        window = self._window(footprint_m, INFLATION_CELLS + 2)
-        before = self.reachable[window]
-        after = before & (1 - self._covered(solids, window))
-        kept = self._kept(after, window)
-        if kept is None:
-            return False
-        own = np.zeros(before.shape, np.uint8)
-        self._draw(own, footprint_m, 1, window)
-        pockets = after & (1 - kept) & (1 - own)
-        if np.count_nonzero(pockets) * CELL_M**2 > MAX_POCKET_M2:
-            return False
-        lost = self._cells_per_region(self.region_of_cell[window][(before & (1 - kept)) > 0])
-        if (self._region_left - lost < self._region_least).any():
-            return False
-        self._region_left -= lost
-        self.reachable[window] = kept
-        self._taken[window] |= own
-        return True
+        halves_m = np.array([piece.half_x_m, piece.half_y_m])
+        rectangles = np.column_stack([self._cells(poses), np.tile(halves_m / CELL_M, (len(poses), 1))])
+        n = -1
+        while (n := first_vacant(self._taken, rectangles, n + 1, 0.7)) < len(poses):
+            corners_m = _corners(poses[n], halves_m)
+            if self._free_space.covers(shapely.Polygon(corners_m)) and self._admit(
+                piece, poses[n], rectangles[n]
+            ):
+                mark_in_place(self._taken, rectangles[n], 0.5)
+                return poses[n]
+        return None
 
-    def _kept(self, after: Mask, window: Window) -> Mask | None:
-        """The window's cells that stay reachable; None if something beyond the window were cut off."""
-        _, labels = cv2.connectedComponents(after, connectivity=4)
-        rim = np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]])
-        exits = np.unique(rim[rim > 0])
-        if len(exits) == 1:
-            return (labels == exits[0]).astype(np.uint8)
-        # Several ways out of the window may be joined outside.
-        everywhere = self.reachable.copy()
-        everywhere[window] = after
-        largest = _largest_component(everywhere)
-        cut_off = everywhere & (1 - largest)
-        cut_off[window] = 0
-        return None if cut_off.any() else largest[window]
+    def _admit(self, piece: Piece, pose: Array, rectangle: Array) -> bool:
+        boxes = self._cells(piece.standing_at(pose, Shape.BOX))
+        cylinders = self._cells(piece.standing_at(pose, Shape.CYLINDER))
+        return admit_in_place(
+            self.reachable,
+            self.region_of_cell,
+            self._region_left,
+            self._region_least,
+            boxes,
+            cylinders,
+            rectangle,
+            CLEARANCE_M / CELL_M,
+            int(MAX_POCKET_M2 / CELL_M**2),
+        )
 
-    def _covered(self, solids: Sequence[Solid], window: Window) -> Mask:
-        """Where the robot's centre cannot be for what stands on the floor."""
-        cover = np.zeros(self.reachable[window].shape, np.uint8)
-        for solid in solids:
-            if solid.z0_m >= DRIVE_UNDER_M:
-                continue
-            if solid.shape is Shape.BOX:
-                self._draw(cover, solid.corners_m(), 1, window)
-            else:
-                x_px, y_px = self._pixels(np.array([solid.x_m, solid.y_m]), window).tolist()
-                radius_px = math.ceil(solid.half_x_m / CELL_M * 2**SHIFT)
-                cv2.circle(cover, (x_px, y_px), radius_px, 1, cv2.FILLED, shift=SHIFT)
-        return cv2.dilate(cover, DISC)
+    def _cells(self, poses: Array) -> Array:
+        """Rows x [m], y [m], yaw [rad] and maybe half sides [m], in cells."""
+        cells = poses / CELL_M
+        cells[:, :2] -= self.origin_m / CELL_M
+        cells[:, 2] = poses[:, 2]
+        return cells
 
     def _free_cells(self, floorplan: Floorplan) -> Mask:
         """Cells that no wall touches."""
         free = np.zeros(self._shape, np.uint8)
-        self._draw(free, floorplan.outline_m, 1, self._everywhere)
+        self._draw(free, floorplan.outline_m, 1)
         for hole_m in floorplan.holes_m:
-            self._draw(free, hole_m, 0, self._everywhere)
-        rings = [
-            self._pixels(ring_m, self._everywhere) for ring_m in (floorplan.outline_m, *floorplan.holes_m)
-        ]
+            self._draw(free, hole_m, 0)
+        rings = [self._pixels(ring_m) for ring_m in (floorplan.outline_m, *floorplan.holes_m)]
         cv2.polylines(free, rings, True, 0, shift=SHIFT)
         return free
 
-    def _cells_per_region(self, regions: Mask) -> NDArray[np.int64]:
-        return np.bincount(regions, minlength=self.room_count + 1)[1:]
+    def _draw(self, cells: Mask, ring_m: Array, value: int) -> None:
+        cv2.fillPoly(cells, [self._pixels(ring_m)], value, shift=SHIFT)
 
-    def _window(self, footprint_m: Array, margin: int) -> Window:
-        """The cells around a footprint, within the grid."""
-        low = np.floor((footprint_m.min(axis=0) - self.origin_m) / CELL_M).astype(int) - margin
-        high = np.ceil((footprint_m.max(axis=0) - self.origin_m) / CELL_M).astype(int) + margin
-        return slice(max(low[1], 0), high[1] + 1), slice(max(low[0], 0), high[0] + 1)
+    def _pixels(self, p_m: Array) -> NDArray[np.int32]:
+        """Points in OpenCV's fixed-point pixels; pixel (0, 0) is the centre of the first cell."""
+        return np.round(((p_m - self.origin_m) / CELL_M - 0.5) * 2**SHIFT).astype(np.int32)
 
-    def _draw(self, cells: Mask, ring_m: Array, value: int, window: Window) -> None:
-        cv2.fillPoly(cells, [self._pixels(ring_m, window)], value, shift=SHIFT)
 
-    def _pixels(self, p_m: Array, window: Window) -> NDArray[np.int32]:
-        """Points in OpenCV's fixed-point pixels of a window; pixel (0, 0) is the centre of its first cell."""
-        first = np.array([window[1].start, window[0].start])
-        px = (p_m - self.origin_m) / CELL_M - 0.5 - first
-        return np.round(px * 2**SHIFT).astype(np.int32)
+def _corners(pose: Array, halves_m: Array) -> Array:
+    """(4, 2) [m] of a rectangle."""
+    cos, sin = np.cos(pose[2]), np.sin(pose[2])
+    along, aside = halves_m[0] * np.array([cos, sin]), halves_m[1] * np.array([-sin, cos])
+    return pose[:2] + np.array([-along - aside, along - aside, along + aside, aside - along])
+
+
+def _disc(radius_m: float) -> Mask:
+    """Offsets up to this radius [m], as an erosion kernel."""
+    reach = int(radius_m / CELL_M)
+    offset = np.arange(-reach, reach + 1) * CELL_M
+    return (np.hypot(offset[:, None], offset) <= radius_m).astype(np.uint8)
 
 
 def _largest_component(cells: Mask) -> Mask:
