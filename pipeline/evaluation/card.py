@@ -78,7 +78,7 @@ def dataset_card(
         f"hash of its geometry. {bytes_total / 1e6:.1f} MB in all.",
         f"## Episodes\n\n{_counts_table(counts)}",
         f"## Overlap\n\n![Histogram of the overlap](overlap.png)\n\n{_overlap_table(sightings)}",
-        f"## Quality\n\n{_quality_table(sightings)}\n\n{_QUALITY_NOTE}",
+        f"## Quality\n\n{quality_table(sightings)}\n\n{_QUALITY_NOTE}",
         f"## Columns\n\n{_COLUMNS_NOTE}\n\n{column_table(PAIRS)}",
         f"## How it was made\n\nRoot seed {seeds}, schema version {SCHEMA_VERSION}, "
         f"{', '.join(f'{name} {version}' for name, version in versions.items())}.\n\n"
@@ -169,7 +169,8 @@ def _overlap_table(sightings: pa.Table) -> str:
     return f"{table}\n\n{np.mean(overlap < 0.25):.1%} of the pairs overlap by less than 0.25."
 
 
-def _quality_table(sightings: pa.Table) -> str:
+def quality_table(sightings: pa.Table) -> str:
+    """Quantiles of what `CARD_COLUMNS` measure."""
     rows = []
     for title, names, factor, unit, decimals in _MEASURES:
         values = factor * _pooled(sightings, names)
