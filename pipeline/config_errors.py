@@ -25,7 +25,8 @@ def explained(
         file: where the values were read.
         layers: what was laid over what, by its name, lowest first: the top one that holds a key is to blame.
     """
-    faults = error.errors(include_url=False)
+    # An unknown key often is a misspelt one, and then another is missing for it.
+    faults = sorted(error.errors(include_url=False), key=lambda fault: fault["type"] not in _UNKNOWN_KEY)
     more = f" (and {len(faults) - 1} more)" if len(faults) > 1 else ""
     return _fault_line(faults[0], model, file, layers) + more
 

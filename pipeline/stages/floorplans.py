@@ -97,7 +97,7 @@ def _usable_plan(candidate: Candidate, limits: FloorplanLimits) -> Floorplan:
 
 
 def _batches(section: FloorplansSection, seed: int) -> Iterator[tuple[Inputs, tuple[Candidate, ...]]]:
-    """The candidates of each shard. None mixes sources: one more leaves the shards of the others as they are."""
+    """The candidates of each shard. None mixes sources: a new one leaves those of the others alone."""
     seen: dict[str, str] = {}
     judged_by = section.parameters(exclude={"sources", "generate", "plans_per_shard"})
     drawn_from = section.parameters(exclude={"sources", "generate.count", "plans_per_shard"})

@@ -1,0 +1,44 @@
+"""What tests of several rooms share."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from io import StringIO
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+
+from pipeline.config import load_config
+from pipeline.engine import Run
+from pipeline.pool import Engine
+
+ROOT = Path(__file__).parent.parent
+
+MakeRun = Callable[..., Run]
+
+
+@pytest.fixture(scope="session")
+def real_data() -> Path:
+    """Genuine floor plans and maps, which are not part of the project; skips where they are not."""
+    folder = Path(os.environ.get("RENDEZVOUS_TEST_DATA", ROOT / "../shared/data"))
+    if not folder.is_dir():
+        pytest.skip(f"no real data at {folder}; RENDEZVOUS_TEST_DATA names its folder")
+    return folder
+
+
+@pytest.fixture
+def make_run(tmp_path: Path) -> MakeRun:
+    """Makes a run of the smoke preset that works in this process; its `console.file` holds what it says."""
+
+    def make(overrides: Sequence[str] = (), *, data: str | None = None, seed: int | None = None) -> Run:
+        return Run(
+            config=load_config(ROOT / "stages.yaml", preset="smoke", overrides=overrides, seed=seed),
+            data=data or str(tmp_path / "data"),
+            workers=1,
+            engine=Engine.INLINE,
+            console=Console(file=StringIO(), width=200),
+        )
+
+    return make

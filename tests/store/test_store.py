@@ -1,0 +1,261 @@
+"""Shards on disk: atomic, checked, resumed."""
+
+from __future__ import annotations
+
+import errno
+import os
+import re
+from pathlib import Path
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from pipeline.errors import StoreError
+from pipeline.store.disk import Disk
+from pipeline.store.parquet import Layout, parquet_bytes
+from pipeline.store.read import Item, StageReader, chunks
+from pipeline.store.records import Inputs, Manifest, Quarantined, Shard
+from pipeline.store.verify import stage_folders, verify
+from pipeline.store.write import StageWriter
+
+LAYOUT = Layout(item_column="id", uncompressed=("blob",))
+
+
+def shard_of(*ids: str) -> Shard:
+    rows = [{"id": item, "n": n, "blob": bytes(200)} for item in ids for n in range(2)]
+    return Shard(
+        table=pa.Table.from_pylist(rows),
+        counts={"items": len(ids)},
+        quarantined=(Quarantined(item_id="bad", reason="crossed"),),
+    )
+
+
+def inputs_of(*ids: str, **parameters: object) -> Inputs:
+    return Inputs(parameters=parameters, items={item: f"digest of {item}" for item in ids}, seed=0)
+
+
+@pytest.fixture(params=["path", "uri"])
+def root(request: pytest.FixtureRequest, tmp_path: Path) -> str:
+    """A stage's folder, as a local path and as object storage is addressed."""
+    folder = tmp_path / "toy"
+    return str(folder) if request.param == "path" else folder.as_uri()
+
+
+@pytest.fixture
+def finished(root: str) -> tuple[str, Manifest]:
+    """A finished folder of two shards and a card."""
+    writer = StageWriter(root, "toy", LAYOUT)
+    with writer.locked():
+        records = [
+            writer.write("part-00000.parquet", inputs_of("a", "b"), shard_of("a", "b")),
+            writer.write("part-00001.parquet", inputs_of("c"), shard_of("c")),
+        ]
+        return root, writer.finish(records, {"README.md": b"# Card\n"})
+
+
+def local(root: str) -> Path:
+    return Path(root.removeprefix("file://"))
+
+
+def test_what_is_written_is_read(finished):
+    root, manifest = finished
+    reader = StageReader(root, "toy")
+    assert reader.manifest() == manifest
+    assert manifest.rows == 6
+    assert manifest.counts() == {"items": 3}
+    assert [entry.reason for entry in manifest.quarantined] == ["crossed", "crossed"]
+    assert [(row["id"], row["n"]) for row in reader.rows()] == [(i, n) for i in "abc" for n in (0, 1)]
+    assert reader.table("part-00001.parquet", columns=["n"]).to_pydict() == {"n": [0, 1]}
+
+
+def test_items_are_read_in_the_order_asked_for(finished):
+    reader = StageReader(finished[0], "toy")
+    a, b, c = reader.items()
+    assert [item.shard for item in (a, b, c)] == ["part-00000.parquet"] * 2 + ["part-00001.parquet"]
+    rows = list(reader.rows([c, b], item_column="id", columns=["n", "id"]))
+    assert [(row["id"], row["n"]) for row in rows] == [("c", 0), ("c", 1), ("b", 0), ("b", 1)]
+    assert set(rows[0]) == {"n", "id"}
+
+
+def test_the_layout_is_as_asked_for(finished):
+    file = pq.ParquetFile(local(finished[0]) / "part-00000.parquet")
+    column = {name: file.metadata.row_group(0).column(i) for i, name in enumerate(file.schema.names)}
+    assert column["blob"].compression == "UNCOMPRESSED"
+    assert column["n"].compression == "ZSTD"
+    assert all(c.has_offset_index and c.has_column_index for c in column.values())
+
+
+def test_equal_tables_give_equal_bytes_however_they_are_chunked():
+    table = shard_of("a", "b").table
+    chunked = pa.concat_tables([table.slice(0, 1), table.slice(1)])
+    assert parquet_bytes(table, LAYOUT) == parquet_bytes(chunked, LAYOUT)
+
+
+def test_a_nested_column_can_be_left_uncompressed():
+    table = pa.table({"image": [{"bytes": bytes(999), "path": None}], "other": [{"bytes": bytes(999)}]})
+    data = parquet_bytes(table, Layout(uncompressed=("image",)))
+    group = pq.ParquetFile(pa.BufferReader(data)).metadata.row_group(0)
+    by_path = {group.column(i).path_in_schema: group.column(i).compression for i in range(3)}
+    assert by_path == {"image.bytes": "UNCOMPRESSED", "image.path": "UNCOMPRESSED", "other.bytes": "ZSTD"}
+
+
+def test_a_stage_that_did_not_run_is_named(root: str):
+    with pytest.raises(StoreError, match=r"toy: no manifest.json.*run `rendezvous meshes` first"):
+        StageReader(root, "meshes").manifest()
+
+
+def test_a_damaged_shard_is_named_when_it_is_read(finished):
+    path = local(finished[0]) / "part-00000.parquet"
+    path.write_bytes(path.read_bytes()[:50])
+    with pytest.raises(
+        StoreError, match=r"part-00000.parquet: cannot be read .*`rendezvous toy` makes it again"
+    ):
+        list(StageReader(finished[0], "toy").rows())
+
+
+def test_a_sound_folder_has_no_faults(finished):
+    assert verify(finished[0]) == []
+
+
+def truncate(path: Path) -> None:
+    path.write_bytes(path.read_bytes()[:-1])
+
+
+def alter(path: Path) -> None:
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2] ^= 1
+    path.write_bytes(bytes(data))
+
+
+@pytest.mark.parametrize(
+    ("harm", "name", "said"),
+    [
+        (truncate, "part-00001.parquet", r"part-00001.parquet: file truncated: \d+ bytes, should be \d+"),
+        (alter, "part-00001.parquet", r"part-00001.parquet: file altered: sha256 \w{12}…, should be \w{12}…"),
+        (Path.unlink, "part-00001.parquet", "part-00001.parquet: file missing"),
+        (alter, "README.md", r"README.md: file altered: sha256"),
+        (
+            Path.unlink,
+            ".shards/part-00000.parquet.json",
+            ".shards/part-00000.parquet.json: missing or differs from manifest.json",
+        ),
+        (Path.unlink, "manifest.json", "manifest.json: missing, so the stage has not finished"),
+        (lambda path: path.write_text(""), "extra.txt", "extra.txt: not listed in manifest.json"),
+    ],
+)
+def test_verify_finds_each_kind_of_harm_in_one_line(finished, harm, name: str, said: str):
+    root, _ = finished
+    harm(local(root) / name)
+    (fault,) = verify(root)
+    assert re.search(said, fault)
+    assert "\n" not in fault
+
+
+def test_a_damaged_manifest_is_told(finished):
+    truncate(local(finished[0]) / "manifest.json")
+    truncate(local(finished[0]) / "manifest.json")
+    with pytest.raises(StoreError, match=r"manifest.json: damaged \(.*\); run the stage again"):
+        verify(finished[0])
+
+
+def test_stage_folders_are_found_below_a_data_folder(finished, tmp_path: Path):
+    root, _ = finished
+    above = root.rpartition("/")[0]
+    assert stage_folders(above) == [root]
+    assert stage_folders(root) == [root]
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(StoreError, match="empty: no stage's output here; `rendezvous dataset` makes some"):
+        stage_folders(str(tmp_path / "empty"))
+
+
+def test_a_finished_shard_is_found_by_its_inputs(finished):
+    writer = StageWriter(finished[0], "toy", LAYOUT)
+    with writer.locked():
+        assert writer.finished("part-00000.parquet", inputs_of("a", "b")) == finished[1].shards[0]
+        assert writer.finished("part-00000.parquet", inputs_of("b", "a")) is None
+
+
+@pytest.mark.parametrize(
+    ("inputs", "reason"),
+    [
+        (inputs_of("c", x=4.0), "x changed None -> 4.0"),
+        (Inputs(parameters={}, items={"c": "digest of c"}, seed=1), "seed changed 0 -> 1"),
+        (Inputs(parameters={}, items={"c": "digest of c"}), "seed changed 0 -> None"),
+        (
+            Inputs(parameters={}, items={"c": "digest of c"}, seed=0, version=2),
+            "the stage's version changed 1 -> 2",
+        ),
+        (Inputs(parameters={}, items={"c": "other"}, seed=0), "upstream: c changed"),
+        (inputs_of("c", "d"), "upstream: d is new"),
+        (inputs_of(), "upstream: c is gone"),
+        (inputs_of("p", "q", "r"), "upstream: p is new; upstream: q is new; upstream: r is new and 1 more"),
+    ],
+)
+def test_the_reason_to_make_a_shard_again_is_told_in_words(finished, inputs: Inputs, reason: str):
+    writer = StageWriter(finished[0], "toy", LAYOUT)
+    with writer.locked():
+        assert writer.finished("part-00001.parquet", inputs) is None
+        assert writer.reason_to_make("part-00001.parquet", inputs) == reason
+
+
+def test_an_order_of_items_is_an_input():
+    assert inputs_of("b", "a").changes_since(inputs_of("a", "b")) == [
+        "upstream: the order of the items changed"
+    ]
+    assert inputs_of("b", "a").fingerprint() != inputs_of("a", "b").fingerprint()
+
+
+@pytest.mark.parametrize("harm", [truncate, alter, Path.unlink])
+def test_a_harmed_shard_is_not_taken_for_finished(finished, harm):
+    harm(local(finished[0]) / "part-00001.parquet")
+    writer = StageWriter(finished[0], "toy", LAYOUT)
+    with writer.locked():
+        assert writer.finished("part-00001.parquet", inputs_of("c")) is None
+        assert writer.reason_to_make("part-00001.parquet", inputs_of("c")).startswith("file ")
+
+
+def test_two_runs_cannot_write_to_one_folder(tmp_path: Path):
+    first, second = (StageWriter(str(tmp_path / "toy"), "toy") for _ in range(2))
+    with (
+        first.locked(),
+        pytest.raises(StoreError, match="toy: another run is writing here; wait or stop it"),
+        second.locked(),
+    ):
+        pass
+    with second.locked():
+        pass
+
+
+def test_a_full_disk_leaves_nothing_half_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    def full(descriptor: int) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    disk = Disk(str(tmp_path))
+    disk.write("kept", b"kept")
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(StoreError, match=r"new: the disk is full; finished shards are kept: free some space"):
+        disk.write("new", b"new")
+    with pytest.raises(StoreError, match="the disk is full"):
+        disk.write("kept", b"other")
+    assert disk.names() == ["kept"]
+    assert disk.read("kept") == b"kept"
+
+
+def test_a_folder_that_cannot_be_written_is_told(tmp_path: Path):
+    (tmp_path / "file").write_text("")
+    writer = StageWriter(str(tmp_path / "file" / "toy"), "toy")
+    with pytest.raises(StoreError, match=r"toy: cannot be written \(Not a directory\)"), writer.locked():
+        pass
+
+
+def test_a_uri_of_no_known_kind_is_told():
+    with pytest.raises(StoreError, match="nowhere://bucket: cannot be opened"):
+        Disk("nowhere://bucket").names()
+
+
+def test_chunks_do_not_cross_shards():
+    items = [Item(item_id=i, digest="", shard=s) for i, s in ["a0", "b0", "c0", "d1", "e1"]]
+    assert ["".join(item.item_id for item in chunk) for chunk in chunks(items, 2)] == ["ab", "c", "de"]
+    more = [*items, Item(item_id="f", digest="", shard="2")]
+    assert list(chunks(more, 2))[:3] == list(chunks(items, 2))

@@ -1,0 +1,165 @@
+"""`stages.yaml` and what is said of faults in it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from pipeline.config import load_config
+from pipeline.errors import ConfigError
+from tests.conftest import ROOT
+
+STAGES_YAML = ROOT / "stages.yaml"
+
+
+@pytest.fixture
+def edited(tmp_path: Path):
+    """Writes `stages.yaml` with one piece of text replaced, and gives its path."""
+
+    def edit(old: str, new: str) -> Path:
+        text = STAGES_YAML.read_text()
+        assert text.count(old) >= 1, f"{old!r} is not in stages.yaml"
+        path = tmp_path / "edited.yaml"
+        path.write_text(text.replace(old, new, 1))
+        return path
+
+    return edit
+
+
+def message_of(*overrides: str, path: Path = STAGES_YAML, preset: str = "default") -> str:
+    with pytest.raises(ConfigError) as caught:
+        load_config(path, preset=preset, overrides=overrides)
+    message = str(caught.value)
+    assert "\n" not in message
+    return message
+
+
+@pytest.mark.parametrize("preset", ["smoke", "default", "large", "paper"])
+def test_every_preset_loads(preset: str):
+    assert load_config(STAGES_YAML, preset=preset).floorplans.generate.count > 0
+
+
+def test_the_stages_are_in_flow_order_and_read_what_was_written_above():
+    stages = load_config(STAGES_YAML).stages
+    assert list(stages) == ["floorplans", "meshes", "explore", "pack"]
+    assert [stage.reads for stage in stages.values()] == [(), ("floorplans",), ("meshes",), ("explore",)]
+
+
+def test_a_preset_overrides_the_parameters_and_set_overrides_both():
+    def plans(*overrides: str) -> int:
+        return load_config(STAGES_YAML, preset="large", overrides=overrides).floorplans.generate.count
+
+    base = load_config(STAGES_YAML).floorplans
+    assert plans() == 1600 != base.generate.count
+    assert plans("floorplans.generate.count=7") == 7
+    assert plans("floorplans.generate.count=7", "floorplans.generate.count=8") == 8
+
+
+def test_an_override_leaves_its_neighbours_alone():
+    config = load_config(STAGES_YAML, overrides=["floorplans.generate.plans.rooms=[4, 6]"])
+    assert config.floorplans.generate.plans.rooms == (4, 6)
+    assert config.floorplans.generate.count == load_config(STAGES_YAML).floorplans.generate.count
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2**40])
+def test_the_seed_given_is_the_seed_used(seed: int):
+    assert load_config(STAGES_YAML, overrides=["seed=5"], seed=seed).seed == seed
+    assert load_config(STAGES_YAML, overrides=[f"seed={seed}"]).seed == seed
+
+
+def test_values_are_yaml():
+    config = load_config(
+        STAGES_YAML, overrides=["meshes.wall_height_m=25e-1", "floorplans.sources=[a.json, b]"]
+    )
+    assert config.meshes.wall_height_m == 2.5
+    assert config.floorplans.sources == ("a.json", "b")
+
+
+def test_parameters_are_told_by_their_full_keys_without_those_left_out():
+    section = load_config(STAGES_YAML).floorplans
+    told = section.parameters(exclude={"sources", "generate.count", "limits"})
+    assert told["floorplans.generate.plans.rooms"] == [3, 20]
+    assert "floorplans.generate.count" not in told
+    assert not any(key.startswith("floorplans.limits") for key in told)
+    assert "floorplans.sources" not in told
+
+
+@pytest.mark.parametrize(
+    ("override", "said"),
+    [
+        (
+            "explore.episode_per_plan=3",
+            "unknown key 'explore.episode_per_plan'; the nearest known key is 'episodes_per_plan'",
+        ),
+        (
+            "floorplans.generate.plans.romms=[3, 4]",
+            "unknown key 'floorplans.generate.plans.romms'; the nearest known key is 'rooms'",
+        ),
+        ("floorplan.sources=[]", "unknown key 'floorplan'; the nearest known key is 'floorplans'"),
+        ("meshes.zzz=1", "unknown key 'meshes.zzz'; known keys are wall_height_m"),
+        ("explore.episodes_per_plan=0", "explore.episodes_per_plan is 0; must be greater than or equal to 1"),
+        ("explore.episodes_per_plan=yes", "explore.episodes_per_plan is True; must be a valid integer"),
+        ("explore.episodes_per_plan='3'", "explore.episodes_per_plan is '3'; must be a valid integer"),
+        ("meshes.wall_height_m=.inf", "meshes.wall_height_m is inf; must be a finite number"),
+        ("meshes.wall_height_m=2024-01-01", "must be numbers, texts, lists and mappings"),
+        ("seed=-1", "seed is -1; must be greater than or equal to 0"),
+        ("explore.episodes_per_plan", "must be KEY=VALUE, such as explore.episodes_per_plan=10"),
+        ("explore..x=1", "must be KEY=VALUE"),
+        ("explore.episodes_per_plan=[", "expected the node content"),
+        ("explore=3", "explore is 3; must be an object"),
+    ],
+)
+def test_a_wrong_override_is_told_with_key_value_and_what_is_right(override: str, said: str):
+    message = message_of(override)
+    assert said in message
+    assert override in message or "texts, lists" in message
+
+
+def test_a_rooms_own_contract_is_a_config_error():
+    assert "rooms is (1, 2); must be (least, most)" in message_of("floorplans.generate.plans.rooms=[1, 2]")
+
+
+def test_a_fault_names_the_layer_that_it_is_in(edited):
+    in_stage = edited("wall_height_m: 2.5", "wall_height_m: high")
+    assert message_of(path=in_stage).startswith(
+        f"{in_stage}: stages: meshes.wall_height_m is 'high'; must be"
+    )
+    in_preset = edited("explore: {episodes_per_plan: 1}", "explore: {episodes_per_plam: 1}")
+    said = f"{in_preset}: presets.smoke: unknown key 'explore.episodes_per_plam'"
+    assert message_of(path=in_preset, preset="smoke").startswith(said)
+
+
+def test_unknown_keys_around_the_parameters_are_faults_too(edited):
+    assert "the nearest known key is 'reads'" in message_of(
+        path=edited("reads: [explore]", "read: [explore]")
+    )
+    assert "the nearest known key is 'presets'" in message_of(path=edited("presets:", "preset:"))
+
+
+def test_a_missing_parameter_is_named(edited):
+    message = message_of(path=edited("      wall_height_m: 2.5\n", ""))
+    assert "key 'meshes.wall_height_m' is missing" in message
+
+
+def test_a_key_given_twice_is_a_fault_with_its_line(edited):
+    path = edited("wall_height_m: 2.5", "wall_height_m: 2.5\n      wall_height_m: 3.5")
+    line = path.read_text().splitlines().index("      wall_height_m: 3.5") + 1
+    assert message_of(path=path) == f"{path}:{line}: key 'wall_height_m' is given twice"
+
+
+def test_yaml_cannot_run_code(edited, tmp_path: Path):
+    mark = tmp_path / "mark"
+    path = edited("seed: 0", f"seed: !!python/object/apply:os.system ['touch {mark}']")
+    assert "could not determine a constructor" in message_of(path=path)
+    assert not mark.exists()
+
+
+def test_a_stage_cannot_read_what_comes_after_it(edited):
+    message = message_of(path=edited("reads: [floorplans]", "reads: [explore]"))
+    assert "stages.meshes.reads has 'explore'; stages above it are floorplans" in message
+
+
+def test_a_missing_file_and_an_unknown_preset_are_told():
+    assert "no such file" in message_of(path=Path("nowhere.yaml"))
+    assert message_of(preset="big").endswith("no preset 'big'; presets are smoke, default, large, paper")
