@@ -19,6 +19,7 @@ from pipeline.strict_yaml import load_file, load_value
 Validated = TypeVar("Validated", bound=BaseModel)
 PositiveInt = Annotated[int, Field(ge=1)]
 Positive = Annotated[float, Field(gt=0)]
+SplitFraction = Annotated[float, Field(ge=0, le=0.45)]
 
 
 class Section(BaseModel):
@@ -96,9 +97,16 @@ class ExploreSection(StageSection):
 
 
 class PackSection(StageSection):
-    """How sightings become the published dataset."""
+    """How sightings become the published dataset.
+
+    Attributes:
+        rows_per_file: a file takes whole floor plans until it holds this many rows.
+        validation_fraction, test_fraction: shares of all floor plans; the rest is for training.
+    """
 
     rows_per_file: PositiveInt
+    validation_fraction: SplitFraction
+    test_fraction: SplitFraction
 
 
 class Parameters(Section):
