@@ -12,12 +12,15 @@ from pipeline.errors import FloorplanError
 from pipeline.floorplan.layouts import Layout, apartment, hall, office, tapered
 from pipeline.floorplan.partition import is_compact, shared_walls
 from pipeline.floorplan.records import Floorplan, Room
-from pipeline.floorplan.validate import validated
+from pipeline.floorplan.validate import FloorplanLimits, validated
 from pipeline.geometry.se2 import Array
 from pipeline.seeds import stream
 
 ATTEMPTS = 50
 """Layouts drawn before giving up; the share that fails is a few per cent."""
+
+ALL_REACHABLE = FloorplanLimits(min_reachable_share=0.97)
+"""Stricter than for plans from elsewhere: no room of ours may be shut."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -92,7 +95,7 @@ def generate_floorplan(
             reason = "a room wraps around another"
             continue
         try:
-            return validated(_built(layout, rng, plan_id, drawn_from))
+            return validated(_built(layout, rng, plan_id, drawn_from), limits=ALL_REACHABLE)
         except FloorplanError as error:
             reason = str(error)
     raise FloorplanError(f"{plan_id}: no valid plan in {ATTEMPTS} attempts, the last one: {reason}")

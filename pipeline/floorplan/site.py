@@ -15,6 +15,9 @@ from pipeline.geometry.se2 import Array
 
 CELL_M = 0.05
 
+MARGIN_CELLS = 5
+"""Cells around the plan, so that a step out through a wall stays on the grid."""
+
 CLEARANCE_M = 0.17
 """From a solid to the robot's centre: the Burger's radius, 0.105 m, and room to steer."""
 
@@ -42,9 +45,10 @@ class Site:
     """
 
     def __init__(self, floorplan: Floorplan) -> None:
-        self.origin_m = floorplan.outline_m.min(axis=0) - 2.0 * CELL_M
-        size = np.ceil((floorplan.outline_m.max(axis=0) - self.origin_m) / CELL_M).astype(int) + 2
-        self._shape = (int(size[1]), int(size[0]))
+        self.origin_m = floorplan.outline_m.min(axis=0) - MARGIN_CELLS * CELL_M
+        extent_m = np.ptp(floorplan.outline_m, axis=0)
+        width, height = (np.ceil(extent_m / CELL_M).astype(int) + 2 * MARGIN_CELLS).tolist()
+        self._shape = (height, width)
         self._free_space = floorplan.free_space()
         shapely.prepare(self._free_space)
         free = self._free_cells(floorplan)
