@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import numba as nb
 import numpy as np
 
 from pipeline.exploration.frontier import PlanningMap, Reach, frontiers, path_m, planning_map, reach
@@ -58,7 +59,32 @@ class ExplorerParameters:
 
 _BACK_OFF_S = 1.2
 _SHUN_S = 30.0
-_FORESIGHT_S = np.array([0.2, 0.4, 0.6, 0.8])
+_FORESIGHT_S = (0.2, 0.4, 0.6, 0.8)
+
+
+@nb.njit(cache=True)
+def _keeps_clear(points_m: Array, scan_r: Array, speed: float, turn: float, clear_m: float) -> bool:
+    """Whether r, driving on with this twist, comes no nearer than `clear_m` to points it is approaching.
+
+    Args:
+        points_m: (N, 2) surfaces in the frame of the scan.
+        scan_r: (3,) pose of that frame in r.
+        speed, turn: the twist.
+        clear_m: distance to keep.
+    """
+    c, s = math.cos(scan_r[2]), math.sin(scan_r[2])
+    for i in range(points_m.shape[0]):
+        x = scan_r[0] + c * points_m[i, 0] - s * points_m[i, 1]
+        y = scan_r[1] + s * points_m[i, 0] + c * points_m[i, 1]
+        now2 = x * x + y * y
+        if now2 > 0.25:
+            continue
+        for ahead_s in _FORESIGHT_S:
+            half_turn, ahead_m = 0.5 * turn * ahead_s, speed * ahead_s
+            near2 = (x - ahead_m * math.cos(half_turn)) ** 2 + (y - ahead_m * math.sin(half_turn)) ** 2
+            if near2 < clear_m * clear_m and near2 < now2:
+                return False
+    return True
 
 
 class Explorer:
@@ -178,21 +204,8 @@ class Explorer:
 
     def _is_clear(self, pose: Array, speed: float, turn: float) -> bool:
         """Whether this twist keeps its distance from all surfaces of the last sweep, or leaves them."""
-        points_m = self._surfaces_m(pose)
-        half_turn = 0.5 * turn * _FORESIGHT_S
-        ahead_m = speed * _FORESIGHT_S
-        x_m, y_m = ahead_m * np.cos(half_turn), ahead_m * np.sin(half_turn)
-        near2 = (points_m[:, 0] - x_m[:, None]) ** 2 + (points_m[:, 1] - y_m[:, None]) ** 2
-        now2 = (points_m**2).sum(axis=1)
-        return not bool(((near2 < self._p.clear_m**2) & (near2 < now2)).any())
-
-    def _surfaces_m(self, pose: Array) -> Array:
-        """(N, 2) surface points of the last sweep near the robot, where it is now."""
-        points_m = self.slam.points_m
-        points_m = points_m[(points_m**2).sum(axis=1) < 0.25]
-        moved = relative(pose, self.slam.pose())
-        c, s = math.cos(moved[2]), math.sin(moved[2])
-        return points_m @ np.array([[c, s], [-s, c]]) + moved[:2]
+        scan_r = relative(pose, self.slam.pose())
+        return _keeps_clear(self.slam.points_m, scan_r, speed, turn, self._p.clear_m)
 
     def _wants_plan(self, pose: Array) -> bool:
         if len(self._path_m) == 0 or self._time_s >= self._plan_until_s:

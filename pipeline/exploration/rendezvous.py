@@ -74,7 +74,9 @@ def sight(
         min_range_m, max_range_m: limits of `Sighting.range_m`.
     """
     T_r0_r1 = T_w_r0.inverse() @ T_w_r1
-    if math.hypot(T_r0_r1.x_m, T_r0_r1.y_m) > max_range_m + 1.0 or T_r0_r1.x_m < -1.0:
+    if math.hypot(T_r0_r1.x_m, T_r0_r1.y_m) > max_range_m + 1.0:
+        return None
+    if abs(math.atan2(T_r0_r1.y_m, T_r0_r1.x_m)) > _widest_bearing(observer, T_r0_r1):
         return None
     T_w_c = se3_from_se2(T_w_r0) @ observer.camera.T_r_c()
     p_r1 = np.concatenate([[seen.cuboid.centre_m], cuboid_samples(seen.cuboid)])
@@ -101,6 +103,16 @@ def sight(
         bearing_rad=math.atan2(centre_r0[1], centre_r0[0]),
         visible_fraction=float((in_image & ~blocked).mean()),
     )
+
+
+def _widest_bearing(observer: RobotSpec, T_r0_r1: SE2) -> float:
+    """No part of a robot of ordinary size at this distance is in view beyond this bearing [rad]."""
+    # Half a metre covers the robot's size and the camera's place on the observer.
+    distance_m = math.hypot(T_r0_r1.x_m, T_r0_r1.y_m)
+    camera = observer.camera
+    half_view = math.atan(max(camera.cx_px, camera.width_px - camera.cx_px) / camera.fx_px)
+    mount = math.hypot(camera.rpy_rad[0], camera.rpy_rad[1]) + abs(camera.rpy_rad[2])
+    return half_view + mount + (math.asin(0.5 / distance_m) if distance_m > 0.5 else math.pi)
 
 
 @nb.njit(cache=True)

@@ -29,9 +29,12 @@ _RGBA = {"wall": "0.85 0.83 0.78 1"}
 _FURNITURE_RGBA = "0.55 0.42 0.30 1"
 _ROBOT_RGBA = ("0.10 0.35 0.75 1", "0.80 0.20 0.15 1")
 
-# Geoms collide when one's contype meets the other's conaffinity: robots with all, the scene with robots.
+# Geoms collide when one's contype meets the other's conaffinity. Wheels and caster meet the floor only, the
+# body everything else, and it carries fenders for the wheels: one body per robot to search the walls for.
 _SCENE_MASK = 'contype="1" conaffinity="2"'
-_ROBOT_MASK = 'contype="2" conaffinity="3"'
+_FLOOR_MASK = 'contype="4" conaffinity="4"'
+_BODY_MASK = 'contype="2" conaffinity="3"'
+_WHEEL_MASK = 'contype="4" conaffinity="4"'
 
 
 def scene_mjcf(
@@ -65,7 +68,7 @@ def scene_mjcf(
   </default>
   <worldbody>
     <light pos="0 0 4" dir="0.2 0.1 -1" directional="true"/>
-    <geom name="floor" type="plane" size="0 0 1" rgba="0.75 0.72 0.68 1"/>
+    <geom name="floor" type="plane" size="0 0 1" rgba="0.75 0.72 0.68 1" {_FLOOR_MASK}/>
 {geoms}
 {bodies}
   </worldbody>
@@ -108,18 +111,28 @@ def _robot_body(name: str, spec: RobotSpec, T_w_r: SE2, rgba: str, drive: Drive)
       {joints}
       <inertial pos="{0.6 * chassis.centre_x_m:.6g} 0 {0.45 * chassis.top_z_m:.6g}" mass="{body_mass_kg:.6g}"
         diaginertia="{_cylinder_inertia(body_mass_kg, chassis.radius_m, 2 * half_m)}"/>
-      <geom type="cylinder" size="{chassis.radius_m} {half_m:.6g}" rgba="{rgba}" {_ROBOT_MASK} friction="0.3"
+      <geom type="cylinder" size="{chassis.radius_m} {half_m:.6g}" rgba="{rgba}" {_BODY_MASK} friction="0.3"
         pos="{chassis.centre_x_m} 0 {chassis.bottom_z_m + half_m:.6g}"/>
       <geom type="cylinder" size="{spec.lidar.cap_radius_m} {lidar_half_m:.6g}" rgba="0.1 0.1 0.1 1"
         contype="0" conaffinity="0" pos="{spec.lidar.x_m} 0 {chassis.top_z_m + lidar_half_m:.6g}"/>
       <camera name="{name}_camera" pos="{" ".join(map(str, camera.xyz_m))}" xyaxes="0 -1 0 0 0 1"
         fovy="{2 * math.atan(0.5 * camera.height_px / camera.fy_px):.6g}"/>
-{moving}    </body>"""
+{_fenders(spec)}{moving}    </body>"""
 
 
 def _cylinder_inertia(mass_kg: float, radius_m: float, height_m: float) -> str:
     across = mass_kg * (3 * radius_m**2 + height_m**2) / 12
     return f"{across:.6g} {across:.6g} {0.5 * mass_kg * radius_m**2:.6g}"
+
+
+def _fenders(spec: RobotSpec) -> str:
+    wheels = spec.wheels
+    return "".join(
+        f'      <geom type="box" size="{wheels.radius_m} {0.5 * wheels.width_m} {0.5 * wheels.radius_m}" '
+        f'pos="0 {sign * 0.5 * wheels.track_m:.6g} {1.5 * wheels.radius_m:.6g}" {_BODY_MASK} friction="0.3" '
+        f'rgba="0 0 0 0"/>\n'
+        for sign in (1.0, -1.0)
+    )
 
 
 def _wheels(name: str, spec: RobotSpec) -> str:
@@ -131,7 +144,7 @@ def _wheels(name: str, spec: RobotSpec) -> str:
     wheels, caster = spec.wheels, spec.caster
     out = [
         f'      <geom type="sphere" size="{caster.radius_m}" pos="{caster.x_m} 0 {caster.radius_m}" '
-        f'friction="0.02" priority="1" condim="3" {_ROBOT_MASK} rgba="0.2 0.2 0.2 1"/>\n'
+        f'friction="0.02" priority="1" condim="3" {_WHEEL_MASK} rgba="0.2 0.2 0.2 1"/>\n'
     ]
     spin = 0.5 * wheels.mass_kg * wheels.radius_m**2
     for side, sign in (("left", 1.0), ("right", -1.0)):
@@ -141,7 +154,7 @@ def _wheels(name: str, spec: RobotSpec) -> str:
             f'        <inertial pos="0 0 0" mass="{wheels.mass_kg}" '
             f'diaginertia="{0.6 * spin:.6g} {spin:.6g} {0.6 * spin:.6g}"/>\n'
             f'        <geom type="ellipsoid" size="{wheels.radius_m} {0.5 * wheels.width_m} '
-            f'{wheels.radius_m}" {_ROBOT_MASK} rgba="0.15 0.15 0.15 1"/>\n'
+            f'{wheels.radius_m}" {_WHEEL_MASK} rgba="0.15 0.15 0.15 1"/>\n'
             f"      </body>\n"
         )
     return "".join(out)

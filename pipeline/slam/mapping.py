@@ -59,18 +59,18 @@ def _trace(
     next_c = (col + (step_c > 0) - x0) / dx if dx != 0.0 else np.inf
     next_r = (row + (step_r > 0) - y0) / dy if dy != 0.0 else np.inf
     height, width = log_odds.shape
-    while True:
-        if not (0 <= row < height and 0 <= col < width):
-            return
+    while 0 <= row < height and 0 <= col < width:
         if stamps[row, col] != stamp:
             stamps[row, col] = stamp
             log_odds[row, col] = max(log_odds[row, col] + miss, -limit)
-        if min(next_c, next_r) > 1.0:
-            return
         if next_c < next_r:
+            if next_c > 1.0:
+                return
             col += step_c
             next_c += delta_c
         else:
+            if next_r > 1.0:
+                return
             row += step_r
             next_r += delta_r
 
