@@ -9,7 +9,7 @@ import shapely
 import trimesh
 
 from pipeline.floorplan.records import Floorplan, Shape, Solid
-from pipeline.floorplan.walls import wall_polygon
+from pipeline.floorplan.walls import storey_polygon, wall_polygon
 from pipeline.geometry.se2 import Array
 
 WALL_THICKNESS_M = 0.15
@@ -30,7 +30,7 @@ def floorplan_scene(floorplan: Floorplan, solids: Sequence[Solid], *, height_m: 
     """
     scene = trimesh.Scene()
     wall = wall_polygon(floorplan, thickness_m=WALL_THICKNESS_M)
-    ground = shapely.union_all([wall, floorplan.free_space()])
+    ground = storey_polygon(floorplan, thickness_m=WALL_THICKNESS_M)
     floor_mesh = _extruded(ground, FLOOR_THICKNESS_M)
     floor_mesh.apply_translation([0.0, 0.0, -FLOOR_THICKNESS_M])
     _add(scene, "floor", floor_mesh)

@@ -9,6 +9,7 @@ import shapely
 from shapely import MultiPolygon, Polygon
 
 from pipeline.floorplan.records import Floorplan, Shape, Solid
+from pipeline.floorplan.validate import PRECISION_M
 from pipeline.geometry.se2 import Array
 
 THICKNESSES_M = (0.1, 0.07, 0.05, 0.035, 0.025, 0.015, 0.01, 0.005, 0.002)
@@ -22,9 +23,16 @@ ROUNDING_M = 1e-6
 
 def wall_polygon(floorplan: Floorplan, *, thickness_m: float) -> Polygon | MultiPolygon:
     """The solid around the free space [m]: a shell of this thickness, the walls within and the islands."""
-    free = floorplan.free_space()
-    filled = Polygon(free.exterior).buffer(thickness_m, join_style="mitre", mitre_limit=2.0)
-    return Polygon(filled.exterior).difference(free)
+    return storey_polygon(floorplan, thickness_m=thickness_m).difference(floorplan.free_space())
+
+
+def storey_polygon(floorplan: Floorplan, *, thickness_m: float) -> Polygon:
+    """All that a storey covers [m], free space and walls, within a shell of this thickness."""
+    shell = Polygon(floorplan.outline_m).buffer(thickness_m, join_style="mitre", mitre_limit=2.0)
+    # On the plan's own grid: vertices a nanometre apart would make meshes that leak.
+    snapped = shapely.set_precision(Polygon(shell.exterior), PRECISION_M)
+    # Without the grid that GEOS would else hand on to whatever is computed from it.
+    return shapely.set_precision(snapped, 0.0)
 
 
 def wall_boxes(floorplan: Floorplan, *, height_m: float) -> tuple[Solid, ...]:
