@@ -1,0 +1,50 @@
+# Everything runs in .venv, which `make setup` makes; targets that need it set it up by themselves.
+PYTHON ?= python3
+PRESET ?= default
+WORKERS ?=
+DATA ?= data
+SET ?=
+
+VENV := .venv
+READY := $(VENV)/.ready
+RENDEZVOUS := $(VENV)/bin/rendezvous
+OPTIONS = --preset $(PRESET) --data $(DATA) $(if $(WORKERS),--workers $(WORKERS)) $(foreach item,$(SET),--set $(item))
+
+.DEFAULT_GOAL := help
+.PHONY: help setup dataset inspect test test-fast check clean
+
+help:  ## print this
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+	@echo "  variables: PRESET=$(PRESET) (smoke, default, large, paper), DATA=$(DATA), WORKERS=all cores,"
+	@echo "             SET='explore.episodes_per_plan=10 ...', PYTHON=$(PYTHON)"
+
+setup: $(READY)  ## install everything into .venv
+
+dataset: $(READY)  ## floor plans -> DATA/dataset, the Parquet dataset of rendezvous
+	$(RENDEZVOUS) dataset $(OPTIONS)
+
+inspect: $(READY)  ## draw a contact sheet of what is in DATA
+	$(RENDEZVOUS) inspect $(DATA)
+
+test: $(READY)  ## all tests
+	$(VENV)/bin/python -m pytest
+
+test-fast: $(READY)  ## tests that take seconds
+	$(VENV)/bin/python -m pytest -m "not slow"
+
+check: $(READY)  ## format, lint, types, import contracts
+	$(VENV)/bin/ruff format --check .
+	$(VENV)/bin/ruff check .
+	$(VENV)/bin/mypy
+	$(VENV)/bin/lint-imports
+
+clean:  ## remove .venv and caches; data stays
+	rm -rf $(VENV) build *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache
+
+$(READY): pyproject.toml constraints.txt
+	@started=$$(date +%s); \
+	PYTHON=$(PYTHON) .ci/system-packages && \
+	$(PYTHON) -m venv $(VENV) && \
+	$(VENV)/bin/python -m pip install --disable-pip-version-check -q -c constraints.txt -e '.[dev]' && \
+	touch $@ && \
+	echo "set-up took $$(( $$(date +%s) - started )) s"
