@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import json
 import subprocess
 import sys
@@ -13,57 +12,21 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from rich.console import Console
 
-from pipeline.config import load_config
-from pipeline.engine import Run, Task, part_name
+from pipeline.engine import Task, part_name
 from pipeline.errors import SplitError, StoreError
-from pipeline.pool import Engine
-from pipeline.schema import EXPLORE, PAIRS
+from pipeline.schema import PAIRS
 from pipeline.splits import SPLITS
 from pipeline.stages.pack import LAYOUT, pack
-from pipeline.store.records import Inputs, Shard
-from tests.synthetic import synthetic_row
-
-STAGES_YAML = Path(__file__).parents[2] / "stages.yaml"
-SHARES = ("pack.validation_fraction=0.3", "pack.test_fraction=0.3", "pack.rows_per_file=4")
-PLANS = 10
-_SMALL_ROWS = [
-    [synthetic_row(np.random.default_rng([plan, event]), plan=plan, event=event) for event in range(2)]
-    for plan in range(PLANS)
-]
-
-
-def _run(data: Path, *overrides: str) -> Run:
-    config = load_config(STAGES_YAML, preset="smoke", overrides=[*SHARES, *overrides])
-    return Run(
-        config=config, data=str(data), workers=1, engine=Engine.INLINE, console=Console(file=io.StringIO())
-    )
-
-
-def _shard(rows) -> Shard:
-    return Shard(table=EXPLORE.table(rows), counts={"episodes": 3, "episodes_without_meeting": 1})
-
-
-def _explored(data: Path, *, plans: int = PLANS, turn: int = 0) -> None:
-    """Stands in for `explore`: a shard for every two plans; `turn` rotates the plans' order."""
-    order = np.roll(np.arange(plans), turn).reshape(-1, 2).tolist()
-    tasks = [
-        Task(
-            name=part_name(number),
-            inputs=Inputs(parameters={"explore.max_range_m": 4.0}, items={str(p): "" for p in shard}, seed=0),
-            make=partial(_shard, [row for plan in shard for row in _SMALL_ROWS[plan]]),
-        )
-        for number, shard in enumerate(order)
-    ]
-    _run(data).build("explore", tasks, layout=LAYOUT)
+from pipeline.store.records import Inputs
+from tests.synthetic_dataset import PLANS, ROWS, explored, shard_of, synthetic_run
 
 
 @pytest.fixture(scope="module")
 def data(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("data")
-    _explored(folder)
-    pack(_run(folder))
+    explored(folder)
+    pack(synthetic_run(folder))
     return folder
 
 
@@ -92,14 +55,14 @@ def test_every_sighting_is_published_once_without_the_furniture(dataset):
     table = pa.concat_tables(pq.read_table(path) for path in sorted(dataset.glob("pairs/*.parquet")))
     assert table.column_names == [column.name for column in PAIRS.columns]
     ids = table["pair_id"].to_pylist()
-    assert sorted(ids) == sorted(row["pair_id"] for rows in _SMALL_ROWS for row in rows)
+    assert sorted(ids) == sorted(row["pair_id"] for rows in ROWS for row in rows)
 
 
 def test_values_come_through_unchanged(dataset):
     path = next(iter(sorted(dataset.glob("pairs/train-*.parquet"))))
     published = PAIRS.rows(pq.read_table(path))[0]
     plan, event = int(published["plan_id"][-3:]), int(published["event_id"][-1])
-    made = _SMALL_ROWS[plan][event]
+    made = ROWS[plan][event]
     assert published["map_1"] == made["map_1"]
     assert published["T_m0_m1_local"] == made["T_m0_m1_local"]
     assert np.array_equal(published["trajectory_0_true"], made["trajectory_0_true"])
@@ -143,19 +106,19 @@ def test_files_have_page_indices_raw_images_and_image_features(dataset):
 
 def test_packing_again_writes_nothing(data, dataset):
     before = {p: p.stat().st_mtime_ns for p in dataset.rglob("*") if p.is_file() and p.name != ".lock"}
-    pack(_run(data))
+    pack(synthetic_run(data))
     assert {p: p.stat().st_mtime_ns for p in before} == before
 
 
 def test_bytes_follow_from_the_sightings_alone(dataset, tmp_path):
-    _explored(tmp_path)
-    pack(_run(tmp_path))
+    explored(tmp_path)
+    pack(synthetic_run(tmp_path))
     assert _files(tmp_path / "dataset") == _files(dataset)
 
 
 def test_neither_order_nor_number_of_plans_moves_a_plan_to_another_split(dataset, tmp_path):
-    _explored(tmp_path, turn=3)
-    pack(_run(tmp_path))
+    explored(tmp_path, turn=3)
+    pack(synthetic_run(tmp_path))
     turned = _plans_by_split(tmp_path / "dataset")
     assert turned == _plans_by_split(dataset)
 
@@ -164,26 +127,26 @@ def test_an_altered_file_is_made_again(data, dataset):
     before = _files(dataset)
     victim = next(dataset.glob("pairs/test-*.parquet"))
     victim.write_bytes(victim.read_bytes()[:-100])
-    pack(_run(data))
+    pack(synthetic_run(data))
     assert _files(dataset) == before
 
 
 def test_an_empty_split_is_an_error_that_says_how_many_plans_are_needed(tmp_path):
-    _explored(tmp_path, plans=2)
+    explored(tmp_path, plans=2)
     with pytest.raises(SplitError, match="about 51 plans leave no split empty with 99 % probability"):
-        pack(_run(tmp_path, "pack.validation_fraction=0.1", "pack.test_fraction=0.1"))
+        pack(synthetic_run(tmp_path, "pack.validation_fraction=0.1", "pack.test_fraction=0.1"))
 
 
 def test_sightings_that_were_never_made_are_an_error(tmp_path):
     with pytest.raises(StoreError, match="run `rendezvous explore` first"):
-        pack(_run(tmp_path))
+        pack(synthetic_run(tmp_path))
 
 
 def test_episodes_in_which_nobody_met_are_an_error(tmp_path):
-    task = Task(name=part_name(0), inputs=Inputs(parameters={}, items={}), make=partial(_shard, []))
-    _run(tmp_path).build("explore", [task], layout=LAYOUT)
+    task = Task(name=part_name(0), inputs=Inputs(parameters={}, items={}), make=partial(shard_of, []))
+    synthetic_run(tmp_path).build("explore", [task], layout=LAYOUT)
     with pytest.raises(SplitError, match="no robots met"):
-        pack(_run(tmp_path))
+        pack(synthetic_run(tmp_path))
 
 
 def test_the_card_counts_what_is_there(dataset):

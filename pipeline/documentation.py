@@ -1,0 +1,50 @@
+"""Rewrite the generated parts of the README: `python -m pipeline.documentation`.
+
+They stand between `<!-- generated: NAME -->` and `<!-- end of NAME -->` and say what the code says, so
+that the two cannot drift apart; a test compares them.
+"""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+import yaml
+
+from pipeline.evaluation.tables import column_table, markdown_table
+from pipeline.schema import PAIRS
+
+ROOT = Path(__file__).parent.parent
+
+
+def documented(readme: str, *, root: Path = ROOT) -> str:
+    """The README with its generated parts as they should be."""
+    for name, text in {"stages": _stage_table(root), "columns": column_table(PAIRS)}.items():
+        head, tail = f"<!-- generated: {name} -->", f"<!-- end of {name} -->"
+        before, rest = readme.split(head)
+        readme = f"{before}{head}\n\n{text}\n\n{tail}{rest.split(tail)[1]}"
+    return readme
+
+
+def _stage_table(root: Path) -> str:
+    """The stages of `stages.yaml`, each with the first sentence of its module."""
+    stages = yaml.safe_load((root / "stages.yaml").read_text())["stages"]
+    rows = [
+        (
+            f"[`{name}`](pipeline/stages/{name}.py)",
+            ", ".join(f"`data/{stages[read]['writes']}/`" for read in stage["reads"]),
+            f"`data/{stage['writes']}/`",
+            _first_sentence(root / "pipeline" / "stages" / f"{name}.py"),
+        )
+        for name, stage in stages.items()
+    ]
+    return markdown_table(("stage", "reads", "writes", "what it does"), rows)
+
+
+def _first_sentence(module: Path) -> str:
+    return (ast.get_docstring(ast.parse(module.read_text())) or "").splitlines()[0]
+
+
+if __name__ == "__main__":
+    README = ROOT / "README.md"
+    README.write_text(documented(README.read_text()))

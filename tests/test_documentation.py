@@ -1,0 +1,56 @@
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from pipeline.documentation import ROOT, documented
+from pipeline.schema import PAIRS
+from pipeline.stages.pack import pack
+from tests.synthetic_dataset import explored, synthetic_run
+
+README = (ROOT / "README.md").read_text()
+EXAMPLES = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
+
+
+def test_the_readme_says_what_the_code_says():
+    assert documented(README) == README, "run `make docs`"
+    assert all(f"| `{column.name}` |" in README for column in PAIRS.columns)
+
+
+def test_every_file_that_the_readme_links_to_exists():
+    links = re.findall(r"\]\(([^)#]+)\)", README)
+    assert len(links) > 5
+    assert [link for link in links if not link.startswith("http") and not (ROOT / link).exists()] == []
+
+
+def test_the_picture_suits_a_readme():
+    assert (ROOT / "docs" / "images" / "pairs.png").stat().st_size < 400_000
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("example")
+    explored(folder / "data")
+    pack(synthetic_run(folder / "data"))
+    return folder
+
+
+@pytest.mark.parametrize("example", EXAMPLES, ids=range(len(EXAMPLES)))
+def test_the_examples_run(example, folder):
+    done = subprocess.run(
+        [sys.executable, "-c", example],
+        env={"PATH": "", "HOME": str(folder), "HF_HOME": str(folder), "HF_DATASETS_OFFLINE": "1"},
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr[-2000:]
+
+
+def test_there_is_an_example_for_every_program():
+    assert [example.split()[1] for example in EXAMPLES] == ["datasets", "duckdb", "polars", "pathlib"]
