@@ -24,6 +24,9 @@ FAILURES = 4
 ROUND_M2 = 18.0
 """Floor per round of a recipe: only large rooms hold the same twice."""
 
+MIN_AGREEMENT = 0.3
+"""Intersection over union from which on a label is a room's."""
+
 WALL_SPOT_STEP_M = 0.2
 
 
@@ -145,13 +148,15 @@ def _wall_spots(floorplan: Floorplan, site: Site) -> list[Array]:
 
 
 def _category(room: _FloorSpace, labels: tuple[Room, ...]) -> str:
-    """The label whose box covers most of the room; of several that do about equally, the smallest box."""
+    """The label whose box agrees best with the room's, by intersection over union; none if all are poor."""
     if not labels:
         return ""
-    p_m = room.site.origin_m + CELL_M * (room.cells[::5, ::-1] + 0.5)
     boxes_m = np.array([label.box_m for label in labels])
-    covered = (p_m[:, None] >= boxes_m[:, :2]) & (p_m[:, None] <= boxes_m[:, 2:])
-    share = covered.all(axis=2).mean(axis=0)
-    area_m2 = np.prod(boxes_m[:, 2:] - boxes_m[:, :2], axis=1)
-    best = int(np.argmax(share - 1e-3 * area_m2))
-    return labels[best].category if share[best] > 0.5 else ""
+    # Quantiles: some cells in the doorways are nearer to the next room.
+    low_m, high_m = np.quantile(room.site.origin_m + CELL_M * room.cells[:, ::-1], [0.02, 0.98], axis=0)
+    shared_m = np.minimum(boxes_m[:, 2:], high_m) - np.maximum(boxes_m[:, :2], low_m)
+    shared_m2 = np.prod(np.maximum(shared_m, 0.0), axis=1)
+    box_m2 = np.prod(boxes_m[:, 2:] - boxes_m[:, :2], axis=1)
+    agreement = shared_m2 / (box_m2 + np.prod(high_m - low_m) - shared_m2)
+    best = int(np.argmax(agreement))
+    return labels[best].category if agreement[best] > MIN_AGREEMENT else ""

@@ -19,6 +19,8 @@ from pipeline.seeds import stream
 ATTEMPTS = 50
 """Layouts drawn before giving up; the share that fails is a few per cent."""
 
+SHIPPED_KINDS = ("apartment", "office", "apartment", "hall", "office", "apartment")
+
 ALL_REACHABLE = FloorplanLimits(min_reachable_share=0.97)
 """Stricter than for plans from elsewhere: no room of ours may be shut."""
 
@@ -102,9 +104,18 @@ def generate_floorplan(
 
 
 def shipped_floorplans(count: int, *, seed: int = 0) -> list[Floorplan]:
-    """The plans of the folder `floorplans/`: `rdv-000`, `rdv-001`, ..."""
-    ids = [f"rdv-{index:03d}" for index in range(count)]
-    return [generate_floorplan(stream(seed, "shipped", plan_id), plan_id=plan_id) for plan_id in ids]
+    """The plans of the folder `floorplans/`: `rdv-000`, `rdv-001`, ..., kinds by turns."""
+    plans = []
+    for index in range(count):
+        plan_id = f"rdv-{index:03d}"
+        kind = SHIPPED_KINDS[index % len(SHIPPED_KINDS)]
+        parameters = GeneratorParameters(
+            apartment=float(kind == "apartment"), office=float(kind == "office"), hall=float(kind == "hall")
+        )
+        plans.append(
+            generate_floorplan(stream(seed, "shipped", plan_id), plan_id=plan_id, parameters=parameters)
+        )
+    return plans
 
 
 def _wraps(layout: Layout) -> bool:

@@ -8,6 +8,7 @@ rings; HouseExpo's own plans have none, and readers that do not know the key los
 
 from __future__ import annotations
 
+import json
 import math
 import re
 from collections.abc import Mapping
@@ -64,6 +65,11 @@ def to_houseexpo(floorplan: Floorplan) -> dict[str, Any]:
     if floorplan.holes_m:
         data["holes"] = [_rounded(hole_m) for hole_m in floorplan.holes_m]
     return data
+
+
+def houseexpo_json(floorplan: Floorplan) -> str:
+    """The plan's file: `to_houseexpo` as compact JSON in one line; equal plans give equal text."""
+    return json.dumps(to_houseexpo(floorplan), separators=(",", ":")) + "\n"
 
 
 def _rounded(ring_m: Array) -> list[list[float]]:

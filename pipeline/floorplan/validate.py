@@ -54,6 +54,24 @@ class FloorplanLimits:
     min_reachable_share: float = 0.8
     min_start_regions: int = 2
 
+    def __post_init__(self) -> None:
+        for name in ("side_m", "area_m2"):
+            least, most = getattr(self, f"min_{name}"), getattr(self, f"max_{name}")
+            if not 0.0 < least <= most:
+                raise FloorplanError(
+                    f"limits: min_{name} {least}, max_{name} {most}; must be positive and in order"
+                )
+        if not (self.robot_radius_m > 0.0 and self.margin_m >= 0.0 and self.crossing_m >= 0.0):
+            raise FloorplanError(
+                f"limits: robot_radius_m {self.robot_radius_m}, margin_m {self.margin_m}, "
+                f"crossing_m {self.crossing_m}; must not be negative, the radius positive"
+            )
+        if not (0.0 <= self.min_reachable_share <= 1.0 and self.min_start_regions >= 0):
+            raise FloorplanError(
+                f"limits: min_reachable_share {self.min_reachable_share}, min_start_regions "
+                f"{self.min_start_regions}; must be a share from 0 to 1 and a count"
+            )
+
 
 DEFAULT_LIMITS = FloorplanLimits()
 
