@@ -47,7 +47,8 @@ def _one_way(grid_a: OccupancyGrid, grid_b: OccupancyGrid, T_b_a: SE2, tolerance
     targets = grid_b.cell_centres(grid_b.occupied())
     if not len(compared) or not len(targets):
         return len(compared), 0
-    distance_m, _ = cKDTree(targets).query(compared, distance_upper_bound=tolerance_m)
+    # cKDTree's bound is exclusive; the nanometre keeps cells exactly a tolerance apart whatever the rounding.
+    distance_m, _ = cKDTree(targets).query(compared, distance_upper_bound=tolerance_m + 1e-9)
     return len(compared), int(np.isfinite(distance_m).sum())
 
 

@@ -74,8 +74,7 @@ def _wall(col: int) -> OccupancyGrid:
 
 @pytest.mark.parametrize(("cells_apart", "share"), [(0, 1.0), (1, 1.0), (2, 1.0), (3, 0.0)])
 def test_walls_agree_up_to_ten_centimetres(cells_apart, share):
-    # 2 cells are 0.10 m up to rounding: the tolerance of the check is inclusive.
-    agreement = wall_agreement(_wall(20), _wall(20 + cells_apart), SE2.identity(), tolerance_m=0.10 + 1e-9)
+    agreement = wall_agreement(_wall(20), _wall(20 + cells_apart), SE2.identity())
     assert agreement.compared == 20
     assert agreement.share == share
 
