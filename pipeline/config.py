@@ -12,6 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from pipeline.config_errors import explained
 from pipeline.errors import ConfigError, PipelineError
+from pipeline.exploration.episode import EpisodeParameters
 from pipeline.floorplan.generate import GeneratorParameters
 from pipeline.floorplan.validate import FloorplanLimits
 from pipeline.strict_yaml import load_file, load_value
@@ -90,10 +91,24 @@ class MeshesSection(StageSection):
 
 
 class ExploreSection(StageSection):
-    """How two robots explore a floor plan until they meet."""
+    """How two robots explore a floor plan until they meet.
+
+    Attributes:
+        plans_per_shard: at most as many as a shard of `meshes` has.
+        episodes_per_plan: explorations of each plan, each with its own starts and furniture.
+        robot: a name in `assets/robots`, or the path of a robot file.
+        furniture_density: 0 none, 1 moderate, 2 crowded.
+        start_clearance_m, start_distance_m: of the starts, from everything and from each other.
+        episode: how long an episode runs, what is recorded, noise, exploration, SLAM.
+    """
 
     plans_per_shard: PositiveInt
     episodes_per_plan: PositiveInt
+    robot: str
+    furniture_density: Annotated[float, Field(ge=0, le=3)]
+    start_clearance_m: Positive
+    start_distance_m: Positive
+    episode: EpisodeParameters
 
 
 class PackSection(StageSection):

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numba as nb
 import numpy as np
 
 from pipeline.exploration.explorer import Explorer, ExplorerParameters
-from pipeline.exploration.rendezvous import Sighting, SightObstacles, sight
-from pipeline.floorplan.records import Solid
+from pipeline.exploration.rendezvous import Sighting, sight
+from pipeline.exploration.surroundings import Surroundings
 from pipeline.geometry.occupancy_grid import OccupancyGrid
 from pipeline.geometry.se2 import SE2, Array
 from pipeline.simulation.drive import TICK_S, Encoder, OdometryNoise, Physics
@@ -101,15 +100,6 @@ class Episode:
 
     events: tuple[Event, ...]
     simulated_s: float
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Surroundings:
-    """The furnished plan as the sensors and the wheels meet it."""
-
-    solids: Sequence[Solid]
-    lidar_scene: RayScene
-    sight_obstacles: SightObstacles
 
 
 def run_episode(
