@@ -2,31 +2,24 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import Field
 
-from pipeline.config_errors import explained
-from pipeline.errors import ConfigError, PipelineError
+from pipeline.errors import ConfigError
 from pipeline.exploration.episode import EpisodeParameters
 from pipeline.floorplan.generate import GeneratorParameters
 from pipeline.floorplan.validate import FloorplanLimits
+from pipeline.store.records import dotted
+from pipeline.strict_section import Section, validated_section
 from pipeline.strict_yaml import load_file, load_value
 
-Validated = TypeVar("Validated", bound=BaseModel)
 PositiveInt = Annotated[int, Field(ge=1)]
 Positive = Annotated[float, Field(gt=0)]
 SplitFraction = Annotated[float, Field(ge=0, le=0.45)]
-
-
-class Section(BaseModel):
-    """A strict part of the configuration: unknown keys, wrong types and infinite numbers are errors."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
 
 class StageSection(Section):
@@ -49,7 +42,7 @@ class StageSection(Section):
                 a key leaves out all that is below it.
         """
         left_out = tuple(f"{self.stage()}.{key}." for key in exclude)
-        values = _flattened(self.stage(), self.model_dump(mode="json"))
+        values = dotted({self.stage(): self.model_dump(mode="json")})
         return {key: value for key, value in values.items() if not f"{key}.".startswith(left_out)}
 
 
@@ -81,11 +74,13 @@ class MeshesSection(StageSection):
 
     Attributes:
         wall_height_m: height of the walls.
-        furniture_density: of the example furniture in the furnished GLB: 0 none, 1 moderate, 2 crowded.
+        robot: a shipped robot or a robot file; two of it stand in the MJCF.
+        furniture_density: of the example furniture: 0 none, 1 moderate, 2 crowded.
         plans_per_shard: at most as many as a shard of `floorplans` has.
     """
 
     wall_height_m: Positive
+    robot: str
     furniture_density: Annotated[float, Field(ge=0, le=3)]
     plans_per_shard: PositiveInt
 
@@ -180,7 +175,7 @@ def load_config(
     Raises:
         ConfigError: a key is unknown, a value is wrong; one line that says where, what, and what is right.
     """
-    file = _validated(_StagesFile, load_file(path), str(path), {})
+    file = validated_section(_StagesFile, load_file(path), file=str(path))
     _check_flow(file.stages, str(path))
     layers: dict[str, Mapping[str, Any]] = {
         f"{path}: stages": {name: stage.parameters for name, stage in file.stages.items()},
@@ -192,22 +187,8 @@ def load_config(
     values: dict[str, Any] = {"seed": file.seed}
     for layer in layers.values():
         values = _overlaid(values, layer)
-    parameters = _validated(Parameters, values, str(path), layers)
+    parameters = validated_section(Parameters, values, file=str(path), layers=layers)
     return Config(stages=file.stages, **dict(parameters))
-
-
-def _validated(
-    model: type[Validated], values: Mapping[str, Any], file: str, layers: Mapping[str, Mapping[str, Any]]
-) -> Validated:
-    try:
-        # Strict mode takes a list for a tuple only from JSON.
-        return model.model_validate_json(json.dumps(values))
-    except ValidationError as error:
-        raise ConfigError(explained(error, model, file=file, layers=layers)) from error
-    except PipelineError as error:  # a room's own contract
-        raise ConfigError(f"{file}: {error}") from error
-    except TypeError as error:
-        raise ConfigError(f"{file}: {error}; values must be numbers, texts, lists and mappings") from error
 
 
 def _check_flow(stages: Mapping[str, StageLinks], file: str) -> None:
@@ -246,11 +227,3 @@ def _overlaid(values: Mapping[str, Any], layer: Mapping[str, Any]) -> dict[str, 
             value = _overlaid(below, value)
         merged[key] = value
     return merged
-
-
-def _flattened(prefix: str, values: Mapping[str, Any]) -> dict[str, Any]:
-    flat: dict[str, Any] = {}
-    for key, value in values.items():
-        name = f"{prefix}.{key}"
-        flat |= _flattened(name, value) if isinstance(value, Mapping) else {name: value}
-    return flat

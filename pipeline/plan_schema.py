@@ -45,6 +45,7 @@ MESHES = TableSchema(
         Column(name="furniture", type=SOLIDS_TYPE, unit="m, rad", about="Example furniture; every episode draws its own."),
         Column(name="glb", type=pa.binary(), about="Floor and walls as watertight meshes in a binary glTF file."),
         Column(name="glb_furnished", type=pa.binary(), about="The same with the example furniture."),
+        Column(name="mjcf", type=pa.string(), about="The furnished plan with two robots in it; opens in MuJoCo's viewer as it is."),
     ),
 )  # fmt: skip
 

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
-from pydantic import ValidationError
-
-from pipeline.config import Section
-from pipeline.config_errors import explained
-from pipeline.errors import ConfigError, PipelineError
+from pipeline.errors import ConfigError
 from pipeline.simulation.robot import RobotSpec
+from pipeline.strict_section import Section, validated_section
 from pipeline.strict_yaml import load_file
 
 ROBOTS = Path(__file__).parents[1] / "assets" / "robots"
@@ -33,10 +29,4 @@ def load_robot(robot: str) -> RobotSpec:
     if not path.is_file():
         known = ", ".join(sorted(p.name for p in ROBOTS.iterdir() if (p / "robot.yaml").is_file()))
         raise ConfigError(f"robot {robot!r}: no file {path}; known robots are {known}, or give a .yaml file")
-    values = {"robot": load_file(path)}
-    try:
-        return _RobotFile.model_validate_json(json.dumps(values)).robot
-    except ValidationError as error:
-        raise ConfigError(explained(error, _RobotFile, file=str(path), layers={})) from error
-    except PipelineError as error:
-        raise ConfigError(f"{path}: {error}") from error
+    return validated_section(_RobotFile, {"robot": load_file(path)}, file=str(path)).robot

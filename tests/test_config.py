@@ -125,7 +125,7 @@ def test_a_fault_names_the_layer_that_it_is_in(edited):
     assert message_of(path=in_stage).startswith(
         f"{in_stage}: stages: meshes.wall_height_m is 'high'; must be"
     )
-    in_preset = edited("explore: {episodes_per_plan: 1}", "explore: {episodes_per_plam: 1}")
+    in_preset = edited("explore: {episodes_per_plan: 1", "explore: {episodes_per_plam: 1")
     said = f"{in_preset}: presets.smoke: unknown key 'explore.episodes_per_plam'"
     assert message_of(path=in_preset, preset="smoke").startswith(said)
 

@@ -43,7 +43,7 @@ class Inputs:
     """All that a shard's content depends on; equal inputs make equal shards.
 
     Attributes:
-        parameters: by their full key in `stages.yaml`, values as in JSON.
+        parameters: by their full key in `stages.yaml`; nested ones are taken apart, tuples become lists.
         items: digest of what is read for each item, by the item's id, in the order of making.
         seed: the root seed, or None where the content does not depend on it.
         version: of the stage's own code; raised when a change of code changes what it makes.
@@ -53,6 +53,10 @@ class Inputs:
     items: Mapping[str, str]
     seed: int | None = None
     version: int = 1
+
+    def __post_init__(self) -> None:
+        # As they are read back from a record, so that old and new compare.
+        object.__setattr__(self, "parameters", json.loads(json.dumps(dotted(self.parameters))))
 
     def fingerprint(self) -> str:
         return digest_of([self.version, self.seed, dict(self.parameters), list(self.items.items())])
@@ -196,6 +200,17 @@ class Manifest:
             shards.append(ShardRecord.from_json({**entry, "inputs": inputs, "versions": versions}))
         files = tuple(FileRecord(**entry) for entry in fields["files"])
         return cls(stage=fields["stage"], shards=tuple(shards), files=files)
+
+
+def dotted(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Nested values by their dotted keys: `{"a": {"b": 1}}` is `{"a.b": 1}`."""
+    flat: dict[str, Any] = {}
+    for key, value in values.items():
+        if isinstance(value, Mapping):
+            flat |= {f"{key}.{below}": leaf for below, leaf in dotted(value).items()}
+        else:
+            flat[key] = value
+    return flat
 
 
 def _tabled(table: dict[str, Any], value: Any) -> str:

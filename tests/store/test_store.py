@@ -199,6 +199,15 @@ def test_the_reason_to_make_a_shard_again_is_told_in_words(finished, inputs: Inp
         assert writer.reason_to_make("part-00001.parquet", inputs) == reason
 
 
+def test_nested_parameters_are_told_by_their_own_keys():
+    def inputs(size_m: tuple[float, float]) -> Inputs:
+        return inputs_of("c", robot={"name": "burger", "size_m": size_m})
+
+    assert inputs((1.0, 2.0)).changes_since(inputs((1.0, 3.0))) == [
+        "robot.size_m changed [1.0, 3.0] -> [1.0, 2.0]"
+    ]
+
+
 def test_an_order_of_items_is_an_input():
     assert inputs_of("b", "a").changes_since(inputs_of("a", "b")) == [
         "upstream: the order of the items changed"
