@@ -23,8 +23,8 @@ setup: $(READY)  ## install everything into .venv
 dataset: $(READY)  ## floor plans -> DATA/dataset, the Parquet dataset of rendezvous
 	$(RENDEZVOUS) dataset $(OPTIONS)
 
-inspect: $(READY)  ## draw a contact sheet of what is in DATA
-	$(RENDEZVOUS) inspect $(DATA)
+inspect: $(READY)  ## draw a contact sheet of DATA/dataset to report/pairs.png
+	$(RENDEZVOUS) inspect $(DATA)/dataset
 
 test: $(READY)  ## all tests
 	$(VENV)/bin/python -m pytest

@@ -5,16 +5,19 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Callable
+from enum import StrEnum
 from importlib import import_module
-from typing import TYPE_CHECKING, Annotated, Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import typer
 
-from pipeline.errors import PipelineError
+from pipeline.errors import ConfigError, PipelineError
 
 if TYPE_CHECKING:
     from pipeline.engine import Run
 
+Choice = TypeVar("Choice", bound=StrEnum)
 CORES = len(os.sched_getaffinity(0))
 STAGES = ("floorplans", "meshes", "explore", "pack")
 
@@ -43,8 +46,6 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     add_completion=False,
 )
-export_app = typer.Typer(help="Write plans as files for other programs.", no_args_is_help=True)
-
 Config = Annotated[str, typer.Option("--config", help="The pipeline as data.")]
 Preset = Annotated[str, typer.Option("--preset", help="smoke, default, large or paper.")]
 Overrides = Annotated[
@@ -90,7 +91,7 @@ def _run(
         config=load_config(config, preset=preset, overrides=overrides, seed=seed),
         data=data,
         workers=workers,
-        engine=Engine(engine),
+        engine=_choice(Engine, "--engine", engine),
     )
 
 
@@ -116,7 +117,59 @@ def verify(folder: Annotated[str, typer.Argument(help="A data folder or one stag
     print(f"{', '.join(folders)}: sound")
 
 
+@app.command()
+def inspect(
+    folder: Annotated[str, typer.Argument(help="One stage's folder.")] = "data/dataset",
+    out: Annotated[Path | None, typer.Option("--out", help="PNG to write; in report/ by default.")] = None,
+    count: Annotated[int, typer.Option("--count", min=1, help="How many pairs or plans to show.")] = 6,
+    order: Annotated[str, typer.Option("--order", help="overlap: from low to high; or random.")] = "overlap",
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Of the random draw.")] = 0,
+) -> None:
+    """Draw a contact sheet of a stage's output and print its figures."""
+    from pipeline.stages.inspect import Order
+    from pipeline.stages.inspect import inspect as inspected
+
+    found = inspected(folder, output=out, count=count, order=_choice(Order, "--order", order), seed=seed)
+    print(found.summary)
+    print(f"\n{found.picture}")
+
+
+export_app = typer.Typer(help="Write plans as files for other programs.", no_args_is_help=True)
 app.add_typer(export_app, name="export")
+
+
+@export_app.command("plan")
+def export_plan(
+    plan_id: Annotated[str, typer.Argument(help="Name of the plan.")],
+    out: Annotated[Path, typer.Option("--out", help="Folder to write to.")] = Path("export"),
+    data: Data = "data",
+) -> None:
+    """Write a plan that `meshes` has raised: HouseExpo JSON, GLB, GLB with furniture, MJCF with robots."""
+    from pipeline.stages.export import export_plan as written
+    from pipeline.store.read import StageReader
+
+    for path in written(StageReader(f"{data}/meshes", "meshes"), plan_id, out):
+        print(path)
+
+
+@export_app.command("floorplans")
+def export_floorplans(
+    count: Annotated[int, typer.Option("--count", min=1, help="How many.")] = 24,
+    out: Annotated[Path, typer.Option("--out", help="Folder to write to.")] = Path("floorplans"),
+) -> None:
+    """Write the floor plans that come with the project, byte for byte, or more of them."""
+    from pipeline.stages.export import export_floorplans as written
+
+    print(f"{len(written(count, out))} floor plans in {out}")
+
+
+def _choice(kind: type[Choice], option: str, value: str) -> Choice:
+    """A value of an enumeration that is imported only when its command runs."""
+    try:
+        return kind(value)
+    except ValueError as error:
+        known = ", ".join(kind)
+        raise ConfigError(f"{option} is {value!r}; must be one of {known}") from error
 
 
 def main() -> None:
