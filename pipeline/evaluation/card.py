@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -82,7 +82,9 @@ def dataset_card(
         f"## Columns\n\n{_COLUMNS_NOTE}\n\n{column_table(PAIRS)}",
         f"## How it was made\n\nRoot seed {seeds}, schema version {SCHEMA_VERSION}, "
         f"{', '.join(f'{name} {version}' for name, version in versions.items())}.\n\n"
-        + markdown_table(("parameter", "value"), [(f"`{k}`", _shown(v)) for k, v in parameters.items()]),
+        + markdown_table(
+            ("parameter", "value"), [(f"`{k}`", f"`{json.dumps(v)}`") for k, v in _flat(parameters)]
+        ),
     ]
     return "\n\n".join(sections) + "\n"
 
@@ -184,5 +186,10 @@ def _pooled(sightings: pa.Table, names: Sequence[str]) -> Array:
     return np.concatenate(columns)
 
 
-def _shown(value: Any) -> str:
-    return f"`{json.dumps(value)}`"
+def _flat(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Leaves of nested mappings by their dotted keys."""
+    for key, value in values.items():
+        if isinstance(value, Mapping):
+            yield from _flat(value, f"{prefix}{key}.")
+        else:
+            yield f"{prefix}{key}", value

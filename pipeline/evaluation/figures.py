@@ -22,16 +22,17 @@ from pipeline.evaluation.canvas import (
     Image,
     View,
     fitted_view,
+    shortened,
 )
 from pipeline.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, grid_from_png
 from pipeline.geometry.se2 import SE2, Array
 
-SHEET_WIDTH_PX = 1760
-"""Twice the width at which it is read, so that it stays sharp on dense displays."""
+SHEET_WIDTH_PX = 1480
+"""More than the width at which it is read, so that it stays sharp on dense displays."""
 
 _MARGIN_PX, _GAP_PX = 28, 20
 _PANEL_SHARES = (0.3, 0.3, 0.4)
-_PANEL_HEIGHT_PX, _PANEL_MARGIN_M = 430, 0.3
+_PANEL_HEIGHT_PX, _PANEL_MARGIN_M = 380, 0.3
 _HEADER_PX, _ROW_HEADER_PX = 148, 62
 _ROBOT_RADIUS_M = 0.105
 
@@ -167,8 +168,10 @@ def _figures_line(canvas: Canvas, row: Mapping[str, Any]) -> None:
         f"odometry by {odometry}",
         f"seen at {row['range_m']:.1f} m after {row['t_s']:.0f} s",
     ]
-    canvas.text("  ·  ".join(facts), end_px + 22, 46, size_px=19, colour=INK)
-    canvas.text(row["plan_id"], SHEET_WIDTH_PX - _MARGIN_PX, 46, size_px=19, colour=MUTED, right=True)
+    canvas.text(" · ".join(facts), end_px + 18, 46, size_px=19)
+    canvas.text(
+        shortened(row["plan_id"], 12), SHEET_WIDTH_PX - _MARGIN_PX, 46, size_px=19, colour=MUTED, right=True
+    )
 
 
 def _bounds(pair: Rendezvous, layers: Sequence[tuple[int, SE2]]) -> tuple[Array, Array]:
@@ -254,10 +257,11 @@ def _draw_path(
 
 def _draw_robot(canvas: Canvas, view: View, T_d_r: SE2, colour: Colour) -> None:
     radius_px = max(_ROBOT_RADIUS_M * view.px_per_m, 7.0)
-    nose_m = np.array([[0.0, 0.0], [radius_px / view.px_per_m, 0.0]])
-    centre_px, nose_px = view.uv_px(T_d_r @ nose_m)
-    canvas.disc(centre_px, radius_px=radius_px, colour=colour)
-    canvas.polyline(np.array([centre_px, nose_px]), colour=PAPER, width_px=3)
+    nose_m = np.array([[0.0, 0.0], [2.0 * radius_px / view.px_per_m, 0.0]])
+    nose_px = view.uv_px(T_d_r @ nose_m)
+    canvas.polyline(nose_px, colour=PAPER, width_px=7)
+    canvas.disc(nose_px[0], radius_px=radius_px, colour=colour)
+    canvas.polyline(nose_px, colour=colour, width_px=4)
 
 
 def _draw_sighting(canvas: Canvas, pair: Rendezvous, view: View, T_w_m0: SE2) -> None:
@@ -267,5 +271,6 @@ def _draw_sighting(canvas: Canvas, pair: Rendezvous, view: View, T_w_m0: SE2) ->
     right_rad = -math.atan2(row["image_width_px"] - 0.5 - row["K"][0, 2], row["K"][0, 0])
     angles_rad = np.linspace(right_rad, left_rad, 24)
     arc_m = row["range_m"] * np.stack([np.cos(angles_rad), np.sin(angles_rad)], axis=1)
-    wedge_m = np.concatenate([np.zeros((1, 2)), arc_m])
-    canvas.polygon(view.uv_px(T_w_m0 @ row["T_m0_r0"] @ wedge_m), colour=_WEDGE, opacity=0.45)
+    wedge_px = view.uv_px(T_w_m0 @ row["T_m0_r0"] @ np.concatenate([np.zeros((1, 2)), arc_m]))
+    canvas.polygon(wedge_px, colour=_WEDGE, opacity=0.3)
+    canvas.polyline(wedge_px, colour=_WEDGE, width_px=2, closed=True)

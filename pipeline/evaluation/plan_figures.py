@@ -16,6 +16,7 @@ from pipeline.evaluation.canvas import (
     Image,
     View,
     fitted_view,
+    shortened,
     text_width_px,
 )
 from pipeline.floorplan.records import Floorplan, Shape, Solid
@@ -87,6 +88,5 @@ def _label_rooms(canvas: Canvas, plan: Floorplan, view: View) -> None:
 
 
 def _caption(canvas: Canvas, plan: Floorplan, px_per_m: float) -> None:
-    name = plan.plan_id if len(plan.plan_id) <= 26 else f"{plan.plan_id[:25]}…"
-    canvas.text(name, 8, _CELL_HEIGHT_PX + 22, size_px=18, bold=True)
+    canvas.text(shortened(plan.plan_id, 26), 8, _CELL_HEIGHT_PX + 22, size_px=18, bold=True)
     canvas.scale_bar(_CELL_WIDTH_PX - 160, _CELL_HEIGHT_PX + 16, px_per_m=px_per_m, longest_px=100)

@@ -11,7 +11,7 @@ from pipeline.floorplan.records import Floorplan, Room, Shape, Solid
 from pipeline.geometry.se2 import SE2
 from tests.synthetic import synthetic_row
 
-OVERLAY = slice(1100, SHEET_WIDTH_PX)
+OVERLAY = slice(920, SHEET_WIDTH_PX)
 
 
 @pytest.fixture(scope="module")

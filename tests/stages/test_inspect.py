@@ -9,8 +9,8 @@ import pytest
 from pipeline.errors import StoreError
 from pipeline.evaluation.figures import SHEET_WIDTH_PX
 from pipeline.floorplan.generate import shipped_floorplans
-from pipeline.plan_schema import MESHES, plan_row
-from pipeline.schema import EXPLORE
+from pipeline.plan_schema import MESHES, PLAN_COLUMNS, plan_row
+from pipeline.schema import EXPLORE, TableSchema
 from pipeline.stages.inspect import Order, inspect
 from pipeline.store.parquet import Layout
 from pipeline.store.records import Inputs, Shard
@@ -61,26 +61,17 @@ def test_a_random_choice_is_that_of_its_seed(sightings, tmp_path):
 
 
 def test_plans_come_with_their_furniture(tmp_path):
-    rows = [
-        {
-            **plan_row(plan),
-            "wall_height_m": 2.5,
-            "walls": [],
-            "furniture": [],
-            "glb": b"",
-            "glb_furnished": b"",
-        }
-        for plan in shipped_floorplans(2, seed=0)
-    ]
+    columns = {"furniture", *PLAN_COLUMNS}
+    drawn = TableSchema(name="meshes", columns=tuple(c for c in MESHES.columns if c.name in columns))
+    plans = shipped_floorplans(2, seed=0)
     table = {
         "shape": "box", "x_m": 1.0, "y_m": 1.0, "yaw_rad": 0.0, "half_x_m": 0.5, "half_y_m": 0.5,
         "z0_m": 0.0, "z1_m": 0.7, "category": "table", "item": 0,
     }  # fmt: skip
     pictures = []
     for name, furniture in (("bare", []), ("furnished", [table])):
-        folder = _written(
-            tmp_path / name, "meshes", MESHES.table([r | {"furniture": furniture} for r in rows])
-        )
+        rows = [plan_row(plan) | {"furniture": furniture} for plan in plans]
+        folder = _written(tmp_path / name, "meshes", drawn.table(rows))
         pictures.append(cv2.imread(str(inspect(folder, output=tmp_path / f"{name}.png").picture)))
     assert pictures[0].shape == pictures[1].shape
     assert (pictures[0] != pictures[1]).any()
