@@ -17,7 +17,7 @@ EXAMPLES = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
 
 
 def test_the_readme_says_what_the_code_says():
-    assert documented(README) == README, "run `make docs`"
+    assert documented(README) == README, "run `python -m pipeline.documentation`"
     assert all(f"| `{column.name}` |" in README for column in PAIRS.columns)
 
 
