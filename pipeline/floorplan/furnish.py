@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import FloorplanError
-from pipeline.floorplan.catalogue import Maker, Piece
+from pipeline.floorplan.catalogue import Maker
+from pipeline.floorplan.piece import Piece
 from pipeline.floorplan.recipes import Recipe, recipe_for
 from pipeline.floorplan.records import Floorplan, Room, Solid
 from pipeline.floorplan.site import CELL_M, Site

@@ -162,7 +162,9 @@ def _built(
 
 
 def _box(room: Polygon, corner_m: Array) -> tuple[float, float, float, float]:
-    x0, y0, x1, y1 = np.round(np.array(room.bounds) - np.tile(corner_m, 2), 3).tolist()
+    # Adding 0 turns -0.0 into 0.0.
+    box_m = np.round(np.array(room.bounds) - np.tile(corner_m, 2), 3) + 0.0
+    x0, y0, x1, y1 = box_m.tolist()
     return x0, y0, x1, y1
 
 

@@ -14,16 +14,22 @@ from pipeline.geometry.se2 import Array
 
 Mask = NDArray[np.uint8]
 
+VACANT, WALL, DOORWAY, FURNITURE = 0, 1, 2, 3
+"""What takes a cell."""
+
+HALF_DIAGONAL = 0.71
+
 
 @nb.njit(cache=True)
 def first_vacant(taken: Mask, rectangles: Array, first: int, slack: float) -> int:
-    """Index, from `first` on, of a rectangle (N, 5) that holds no taken cell; N if there is none.
+    """Index, from `first` on, of a rectangle (N, 5) with nothing in its place; N if there is none.
 
-    Rectangles are shrunk by the slack on every side, though not below one cell.
+    A rectangle touches what is in its place if it grown by half a cell's diagonal holds the centre of a cell
+    taken. It may reach into cells that a wall touches, by the slack: a cupboard stands right at the wall.
     """
     for n in range(first, len(rectangles)):
         x, y, yaw, half_x, half_y = rectangles[n]
-        row0, row1, col0, col1 = _window(taken.shape, x, y, np.hypot(half_x, half_y))
+        row0, row1, col0, col1 = _window(taken.shape, x, y, np.hypot(half_x, half_y) + 1.0)
         cos, sin = np.cos(yaw), np.sin(yaw)
         vacant = True
         for row in range(row0, row1):
@@ -31,7 +37,8 @@ def first_vacant(taken: Mask, rectangles: Array, first: int, slack: float) -> in
                 if taken[row, col]:
                     dx, dy = col + 0.5 - x, row + 0.5 - y
                     along, aside = abs(cos * dx + sin * dy), abs(cos * dy - sin * dx)
-                    if along <= max(half_x - slack, 0.5) and aside <= max(half_y - slack, 0.5):
+                    grow = -slack if taken[row, col] == WALL else HALF_DIAGONAL
+                    if along <= max(half_x + grow, 0.5) and aside <= max(half_y + grow, 0.5):
                         vacant = False
                         break
             if not vacant:
@@ -42,16 +49,17 @@ def first_vacant(taken: Mask, rectangles: Array, first: int, slack: float) -> in
 
 
 @nb.njit(cache=True)
-def mark_in_place(cells: Mask, rectangle: Array, grow: float) -> None:
-    """Set the cells whose centres a rectangle (5,), grown by this much, holds."""
+def furnish_in_place(taken: Mask, rectangle: Array) -> None:
+    """Mark every cell that a rectangle (5,) touches as taken by furniture."""
     x, y, yaw, half_x, half_y = rectangle
-    row0, row1, col0, col1 = _window(cells.shape, x, y, np.hypot(half_x, half_y) + grow)
+    row0, row1, col0, col1 = _window(taken.shape, x, y, np.hypot(half_x, half_y) + 1.0)
     cos, sin = np.cos(yaw), np.sin(yaw)
     for row in range(row0, row1):
         for col in range(col0, col1):
             dx, dy = col + 0.5 - x, row + 0.5 - y
-            if abs(cos * dx + sin * dy) <= half_x + grow and abs(cos * dy - sin * dx) <= half_y + grow:
-                cells[row, col] = 1
+            along, aside = abs(cos * dx + sin * dy), abs(cos * dy - sin * dx)
+            if along <= half_x + HALF_DIAGONAL and aside <= half_y + HALF_DIAGONAL:
+                taken[row, col] = FURNITURE
 
 
 @nb.njit(cache=True)

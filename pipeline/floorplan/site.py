@@ -7,8 +7,16 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from pipeline.floorplan.catalogue import Piece
-from pipeline.floorplan.reach import Mask, admit_in_place, first_vacant, mark_in_place
+from pipeline.floorplan.piece import Piece
+from pipeline.floorplan.reach import (
+    DOORWAY,
+    VACANT,
+    WALL,
+    Mask,
+    admit_in_place,
+    first_vacant,
+    furnish_in_place,
+)
 from pipeline.floorplan.records import Floorplan, Shape
 from pipeline.floorplan.validate import start_regions
 from pipeline.geometry.se2 import Array
@@ -17,6 +25,9 @@ CELL_M = 0.05
 
 MARGIN_CELLS = 5
 """Cells around the plan, so that a step out through a wall stays on the grid."""
+
+WALL_SLACK_CELLS = 0.7
+"""By this much a piece may reach into a cell that a wall touches; exact polygons have the last word."""
 
 CLEARANCE_M = 0.17
 """From a solid to the robot's centre: the Burger's radius, 0.105 m, and room to steer."""
@@ -59,7 +70,8 @@ class Site:
         for index, region in enumerate(regions, start=1):
             self._draw(self.region_of_cell, np.asarray(region.exterior.coords), index)
         self.room_of_cell = _nearest_region(self.region_of_cell) * free
-        self._taken = _doorways(self.room_of_cell) | (self.room_of_cell == 0).astype(np.uint8)
+        self._taken = np.where(_doorways(self.room_of_cell), DOORWAY, VACANT).astype(np.uint8)
+        self._taken[self.room_of_cell == 0] = WALL
         reached = self.region_of_cell[self.reachable > 0]
         self._region_left = np.bincount(reached, minlength=self.room_count + 1)
         self._region_least = np.ceil(MIN_REGION_LEFT * self._region_left).astype(np.int64)
@@ -89,12 +101,12 @@ class Site:
         halves_m = np.array([piece.half_x_m, piece.half_y_m])
         rectangles = np.column_stack([self._cells(poses), np.tile(halves_m / CELL_M, (len(poses), 1))])
         n = -1
-        while (n := first_vacant(self._taken, rectangles, n + 1, 0.7)) < len(poses):
+        while (n := first_vacant(self._taken, rectangles, n + 1, WALL_SLACK_CELLS)) < len(poses):
             corners_m = _corners(poses[n], halves_m)
             if self._free_space.covers(shapely.Polygon(corners_m)) and self._admit(
                 piece, poses[n], rectangles[n]
             ):
-                mark_in_place(self._taken, rectangles[n], 0.5)
+                furnish_in_place(self._taken, rectangles[n])
                 return poses[n]
         return None
 
@@ -169,11 +181,11 @@ def _nearest_region(region_of_cell: Mask) -> NDArray[np.int32]:
     return region_of_component[component]
 
 
-def _doorways(room_of_cell: NDArray[np.int32]) -> Mask:
+def _doorways(room_of_cell: NDArray[np.int32]) -> NDArray[np.bool_]:
     """Cells within `DOOR_CLEARANCE_M` of where one room passes into another."""
     inner = np.ones(room_of_cell.shape, np.uint8)
     for axis in (0, 1):
         a = np.swapaxes(room_of_cell, 0, axis)
         between = (a[:-1] != a[1:]) & (a[:-1] > 0) & (a[1:] > 0)
         np.swapaxes(inner, 0, axis)[:-1][between] = 0
-    return (cv2.distanceTransform(inner, cv2.DIST_L2, 5) * CELL_M < DOOR_CLEARANCE_M).astype(np.uint8)
+    return cv2.distanceTransform(inner, cv2.DIST_L2, 5) * CELL_M < DOOR_CLEARANCE_M

@@ -21,14 +21,14 @@ PRECISION_M = 0.001
 RASTER_STEP_M = 0.01
 """HouseExpo's outlines were traced on pixels of this size; a vertex this near a straight line is noise."""
 
-OPENING_M = 0.005
-"""Half the width of the slits that are closed where an outline touches itself."""
+JOINT_M = 0.01
+"""Half the side of the piece of wall that joins two walls which meet in a point."""
 
 HALF_DOORS_M = (0.6, 0.75, 0.9)
 """Half widths of the openings that part one room from the next: doors, then archways."""
 
 START_CLEARANCE_M = 0.25
-"""Start regions keep this distance from the walls."""
+"""Start regions keep this distance from the walls, to within 4 cm where the walls have corners."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -187,7 +187,7 @@ def _repaired(floorplan: Floorplan, limits: FloorplanLimits) -> Polygon:
         free = _simplified(_largest(shapely.set_precision(free, PRECISION_M)))
         if _is_clean(free):
             return shapely.orient_polygons(free)
-        free = _opened(free)
+        free = _joined(free)
     raise FloorplanError(f"{floorplan.plan_id}: {_fault(free)}; an outline must be a simple polygon")
 
 
@@ -207,13 +207,15 @@ def _uncrossed(floorplan: Floorplan, limits: FloorplanLimits) -> Polygon:
                 f"lost; an outline must be a simple polygon, faults under {limits.crossing_m} m are repaired"
             )
     islands = [shapely.make_valid(Polygon(hole_m)) for hole_m in floorplan.holes_m]
-    return _opened(main.difference(shapely.union_all(islands)) if islands else main)
+    return _largest(main.difference(shapely.union_all(islands)))
 
 
-def _opened(free: Polygon) -> Polygon:
-    """The free space without slits thinner than twice `OPENING_M`, so that no two walls meet in a point."""
-    shrunk = free.buffer(-OPENING_M, join_style="mitre")
-    return _largest(shrunk.buffer(OPENING_M, join_style="mitre"))
+def _joined(free: Polygon) -> Polygon:
+    """The free space without the points where two of its rings touch: walls that meet there are joined."""
+    rings = [free.exterior, *free.interiors]
+    contacts = [ring.intersection(other) for i, ring in enumerate(rings) for other in rings[:i]]
+    joints = shapely.union_all(contacts).buffer(JOINT_M, cap_style="square")
+    return _largest(free.difference(joints))
 
 
 def _simplified(free: Polygon) -> Polygon:
@@ -246,7 +248,8 @@ def _largest(geometry: BaseGeometry) -> Polygon:
 
 
 def _vertices(ring: BaseGeometry) -> Array:
-    return np.asarray(ring.coords[:-1], dtype=np.float64)
+    # Adding 0 turns -0.0 into 0.0.
+    return np.asarray(ring.coords[:-1], dtype=np.float64) + 0.0
 
 
 def _fault(free: Polygon) -> str:

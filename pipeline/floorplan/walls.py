@@ -39,7 +39,8 @@ def wall_boxes(floorplan: Floorplan, *, height_m: float) -> tuple[Solid, ...]:
     """One box per wall face, standing in the wall, its free side exactly on the face.
 
     No box reaches into the free space: each is as thick as its wall allows. Where a wall ends in an edge
-    sharper than 90 degrees the boxes stop short of it, by millimetres.
+    sharper than 90 degrees the boxes stop short of it, by 2 cm at most, or some more where it is sharper
+    than 6 degrees.
     """
     edges_m = floorplan.edges_m()
     solid = wall_polygon(floorplan, thickness_m=2.0 * THICKNESSES_M[0]).buffer(ROUNDING_M)

@@ -1,0 +1,138 @@
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapely
+
+from pipeline.errors import FloorplanError
+from pipeline.floorplan.furnish import furnish
+from pipeline.floorplan.houseexpo import parse_floorplan
+from pipeline.floorplan.records import Floorplan, Shape, Solid
+from pipeline.floorplan.validate import reachable_space, start_regions, validated
+from pipeline.seeds import stream
+from tests.floorplan.plans import TWO_ROOMS, generated, plan_of
+
+LIDAR_M = 0.182
+ROBOT_HEIGHT_M = 0.192
+RADIUS_M = 0.105
+
+
+def footprint(solid: Solid) -> shapely.Polygon:
+    if solid.shape is Shape.CYLINDER:
+        return shapely.Point(solid.x_m, solid.y_m).buffer(solid.half_x_m)
+    return shapely.Polygon(solid.corners_m())
+
+
+def check_connected(plan: Floorplan, solids: tuple[Solid, ...], radius_m: float) -> None:
+    """Exact polygons, nothing of the grid: a robot of this radius still gets nearly everywhere."""
+    standing = shapely.union_all([footprint(s) for s in solids if s.z0_m < ROBOT_HEIGHT_M])
+    before = reachable_space(plan, robot_radius_m=radius_m)
+    pieces = shapely.get_parts(before.difference(standing.buffer(radius_m)))
+    largest = max(pieces, key=shapely.area)
+    pockets_m2 = sum(piece.area for piece in pieces) - largest.area
+    assert pockets_m2 < 0.1 * largest.area
+    for region in start_regions(plan):
+        assert region.intersection(largest).area > 0.3 * region.area
+
+
+@pytest.mark.parametrize("density", [1.0, 2.0])
+@pytest.mark.parametrize("index", range(20))
+def test_a_robot_still_gets_everywhere(index: int, density: float):
+    plan = generated(index)
+    solids = furnish(plan, stream(0, "furnish", index), density=density)
+    check_connected(plan, solids, RADIUS_M)
+    check_connected(plan, solids, RADIUS_M + 0.04)
+
+
+def test_a_robot_still_gets_everywhere_in_genuine_plans(real_data: Path):
+    for file in sorted((real_data / "houseexpo").glob("*.json")):
+        plan = validated(parse_floorplan(json.loads(file.read_text()), source=file.name))
+        for episode in range(10):
+            check_connected(plan, furnish(plan, stream(0, file.name, episode), density=1.5), RADIUS_M)
+
+
+@pytest.mark.parametrize("index", range(12))
+def test_furniture_is_inside_seen_by_the_lidar_or_above_the_robot(index: int):
+    plan = generated(index)
+    solids = furnish(plan, stream(0, "furnish", index), density=1.5)
+    assert solids
+    free = plan.free_space().buffer(1e-6)
+    for solid in solids:
+        assert free.covers(footprint(solid)), solid
+        if solid.z0_m == 0.0:
+            assert solid.z1_m >= 0.25 > LIDAR_M
+        else:
+            assert solid.z0_m >= 0.4 > ROBOT_HEIGHT_M
+
+
+@pytest.mark.parametrize("index", range(12))
+def test_pieces_do_not_stand_in_each_other(index: int):
+    solids = furnish(generated(index), stream(0, "furnish", index), density=1.5)
+    items = [
+        shapely.union_all([footprint(s) for s in solids if s.item == item])
+        for item in range(1 + max(s.item for s in solids))
+    ]
+    for i, item in enumerate(items):
+        for other in items[:i]:
+            assert item.intersection(other).area == 0.0
+
+
+def test_doorways_stay_clear():
+    plan = plan_of(TWO_ROOMS)
+    doorway = shapely.box(4.0 - 0.6, 1.5, 4.0 + 0.6, 2.4)
+    placed = 0
+    for episode in range(60):
+        solids = furnish(plan, stream(0, "door", episode), density=2.5)
+        placed += len(solids)
+        assert not any(footprint(s).intersects(doorway) for s in solids if s.z0_m < 0.4)
+    assert placed > 500
+
+
+def test_density_sets_how_full_it_is():
+    plan = generated(0)
+    share = [
+        np.mean([_floor_share(plan, furnish(plan, stream(0, e), density=density)) for e in range(8)])
+        for density in (0.3, 1.0, 2.0)
+    ]
+    assert 0.01 < share[0] < share[1] < share[2] < 0.5
+    assert furnish(plan, stream(0), density=0.0) == ()
+
+
+def _floor_share(plan: Floorplan, solids: tuple[Solid, ...]) -> float:
+    return float(shapely.union_all([footprint(s) for s in solids]).area / plan.free_space().area)
+
+
+def test_density_out_of_range_is_told():
+    with pytest.raises(
+        FloorplanError, match=r"furniture density -1; must be from 0 \(none\) to 3 \(packed\)"
+    ):
+        furnish(generated(0), stream(0), density=-1)
+
+
+def test_furniture_is_a_function_of_its_stream():
+    plan = generated(1)
+    assert furnish(plan, stream(3), density=1.0) == furnish(plan, stream(3), density=1.0)
+    assert furnish(plan, stream(3), density=1.0) != furnish(plan, stream(4), density=1.0)
+
+
+def test_items_are_numbered_without_gaps():
+    items = [solid.item for solid in furnish(generated(2), stream(0), density=1.0)]
+    assert items == sorted(items)
+    assert set(items) == set(range(max(items) + 1))
+
+
+def test_rooms_get_what_belongs_in_them():
+    found: dict[str, set[str]] = {}
+    for index in range(20):
+        plan = generated(index)
+        for solid in furnish(plan, stream(0, "rooms", index), density=1.0):
+            at = shapely.Point(solid.x_m, solid.y_m)
+            inside = {room.category for room in plan.rooms if shapely.box(*room.box_m).contains(at)}
+            if len(inside) == 1:
+                found.setdefault(solid.category, set()).update(inside)
+    assert found["bed"] <= {"Bedroom", "Guest_Room", "Child_Room"}
+    assert found["toilet"] <= {"Bathroom", "Toilet"}
+    assert "Office" in found["desk"]
