@@ -83,7 +83,7 @@ def _archived(path: Path) -> Iterator[PlanFile]:
         with tarfile.open(path, mode="r|*") as archive:
             for member in archive:
                 archive.members = []  # type: ignore[attr-defined]  # or it keeps all 35,126 of them
-                name = Path(member.name).name
+                name = member.name.rpartition("/")[2]
                 if not member.isfile() or not name.endswith(".json") or name.startswith("._"):
                     continue
                 source = f"{path}:{member.name}"

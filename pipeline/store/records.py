@@ -62,9 +62,14 @@ class Inputs:
         return digest_of([self.version, self.seed, dict(self.parameters), list(self.items.items())])
 
     def differs_in_items_only(self, other: Inputs) -> bool:
-        """Whether the same code, parameters and seed were used on other items."""
-        same = (self.version, self.seed, self.parameters) == (other.version, other.seed, other.parameters)
-        return same and self.items != other.items
+        """Whether the same code, parameters and seed, as far as both depend on them, made other items."""
+        shared = self.parameters.keys() & other.parameters.keys()
+        return (
+            self.version == other.version
+            and (None in (self.seed, other.seed) or self.seed == other.seed)
+            and all(self.parameters[key] == other.parameters[key] for key in shared)
+            and self.items != other.items
+        )
 
     def changes_since(self, old: Inputs) -> list[str]:
         """What differs from the inputs of an older shard, in words."""
