@@ -225,7 +225,7 @@ _QUALITY = (
 
 _SIGHTING = (
     Column(name="range_m", type=pa.float64(), unit="m", about="Distance from the camera to the centre of robot 1's cuboid."),
-    Column(name="bearing_rad", type=pa.float64(), unit="rad", about="Direction of robot 1 from robot 0's heading, left positive."),
+    Column(name="bearing_rad", type=pa.float64(), unit="rad", about="Direction of that centre from robot 0's heading, seen from r0, left positive."),
     Column(name="visible_fraction", type=pa.float64(), about="Share of robot 1's cuboid sample points that project into the image with nothing in front."),
     Column(name="image", type=IMAGE_TYPE, nullable=True, about="What robot 0's colour camera sees; null until rendered."),
     Column(name="image_width_px", type=pa.int32(), unit="px", about="Width of the camera's image."),

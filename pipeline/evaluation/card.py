@@ -81,10 +81,8 @@ def dataset_card(
         f"## Quality\n\n{quality_table(sightings)}\n\n{_QUALITY_NOTE}",
         f"## Columns\n\n{_COLUMNS_NOTE}\n\n{column_table(PAIRS)}",
         f"## How it was made\n\nRoot seed {seeds}, schema version {SCHEMA_VERSION}, "
-        f"{', '.join(f'{name} {version}' for name, version in versions.items())}.\n\n"
-        + markdown_table(
-            ("parameter", "value"), [(f"`{k}`", f"`{json.dumps(v)}`") for k, v in _flat(parameters)]
-        ),
+        f"{', '.join(f'{name} {version}' for name, version in versions.items())}.",
+        f"<details><summary>All parameters</summary>\n\n{_parameter_table(parameters)}\n\n</details>",
     ]
     return "\n\n".join(sections) + "\n"
 
@@ -184,6 +182,11 @@ def quality_table(sightings: pa.Table) -> str:
 def _pooled(sightings: pa.Table, names: Sequence[str]) -> Array:
     columns = [sightings[name].drop_null().to_numpy().astype(np.float64) for name in names]
     return np.concatenate(columns)
+
+
+def _parameter_table(parameters: Mapping[str, Any]) -> str:
+    rows = [(f"`{key}`", f"`{json.dumps(value)}`") for key, value in _flat(parameters)]
+    return markdown_table(("parameter", "value"), rows)
 
 
 def _flat(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
