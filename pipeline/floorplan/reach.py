@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from pipeline.geometry.se2 import Array
 
 Mask = NDArray[np.uint8]
+Regions = NDArray[np.int32]
 
 VACANT, WALL, DOORWAY, FURNITURE = 0, 1, 2, 3
 """What takes a cell."""
@@ -65,7 +66,7 @@ def furnish_in_place(taken: Mask, rectangle: Array) -> None:
 @nb.njit(cache=True)
 def admit_in_place(
     reachable: Mask,
-    region_of_cell: Mask,
+    region_of_cell: Regions,
     region_left: NDArray[np.int64],
     region_least: NDArray[np.int64],
     boxes: Array,
@@ -92,9 +93,8 @@ def admit_in_place(
     Returns:
         Whether the piece was admitted.
     """
-    x, y, yaw, half_x, half_y = rectangle
-    reach = np.hypot(half_x, half_y) + clearance + 2.0
-    row0, row1, col0, col1 = _window(reachable.shape, x, y, reach)
+    reach = np.hypot(rectangle[3], rectangle[4]) + clearance + 2.0
+    row0, row1, col0, col1 = _window(reachable.shape, rectangle[0], rectangle[1], reach)
     before = reachable[row0:row1, col0:col1]
     after = before.copy()
     for n in range(len(boxes)):
@@ -106,18 +106,9 @@ def admit_in_place(
         return False
     if leaves.sum() > 1 and not _joined_outside(reachable, labels, leaves, row0, col0):
         return False
-    pocket = 0
     lost = np.zeros(len(region_left), np.int64)
-    cos, sin = np.cos(yaw), np.sin(yaw)
-    for row in range(row1 - row0):
-        for col in range(col1 - col0):
-            label = labels[row, col]
-            if not before[row, col] or (label > 0 and leaves[label]):
-                continue
-            lost[region_of_cell[row0 + row, col0 + col]] += 1
-            dx, dy = col0 + col + 0.5 - x, row0 + row + 0.5 - y
-            within = abs(cos * dx + sin * dy) <= half_x and abs(cos * dy - sin * dx) <= half_y
-            pocket += label > 0 and not within
+    regions = region_of_cell[row0:row1, col0:col1]
+    pocket = _count_losses_in_place(lost, before, labels, leaves, regions, rectangle, row0, col0)
     if pocket > max_pocket or (region_left[1:] - lost[1:] < region_least[1:]).any():
         return False
     region_left -= lost
@@ -125,6 +116,33 @@ def admit_in_place(
         for col in range(col1 - col0):
             before[row, col] = labels[row, col] > 0 and leaves[labels[row, col]]
     return True
+
+
+@nb.njit(cache=True)
+def _count_losses_in_place(
+    lost: NDArray[np.int64],
+    before: Mask,
+    labels: NDArray[np.int32],
+    leaves: NDArray[np.bool_],
+    region_of_cell: Regions,
+    rectangle: Array,
+    row0: int,
+    col0: int,
+) -> int:
+    """Add up the reachable cells that a window loses, by start region; those in pockets are returned."""
+    x, y, yaw, half_x, half_y = rectangle
+    cos, sin = np.cos(yaw), np.sin(yaw)
+    pocket = 0
+    for row in range(before.shape[0]):
+        for col in range(before.shape[1]):
+            label = labels[row, col]
+            if not before[row, col] or (label > 0 and leaves[label]):
+                continue
+            lost[region_of_cell[row, col]] += 1
+            dx, dy = col0 + col + 0.5 - x, row0 + row + 0.5 - y
+            within = abs(cos * dx + sin * dy) <= half_x and abs(cos * dy - sin * dx) <= half_y
+            pocket += label > 0 and not within
+    return pocket
 
 
 @nb.njit(cache=True)

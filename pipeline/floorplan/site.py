@@ -13,6 +13,7 @@ from pipeline.floorplan.reach import (
     VACANT,
     WALL,
     Mask,
+    Regions,
     admit_in_place,
     first_vacant,
     furnish_in_place,
@@ -51,7 +52,7 @@ class Site:
     Attributes:
         room_count: rooms, numbered from 1: each start region and what is nearest to it.
         room_of_cell: (H, W) int32, 0 in the walls.
-        region_of_cell: (H, W) uint8, the start regions, 0 elsewhere.
+        region_of_cell: (H, W) int32, the start regions, 0 elsewhere.
         reachable: (H, W) uint8, 1 where the robot's centre can be.
     """
 
@@ -66,7 +67,7 @@ class Site:
         self.reachable = _largest_component(cv2.erode(free, _disc(CLEARANCE_M)))
         regions = start_regions(floorplan)
         self.room_count = len(regions)
-        self.region_of_cell = np.zeros(self._shape, np.uint8)
+        self.region_of_cell = np.zeros(self._shape, np.int32)
         for index, region in enumerate(regions, start=1):
             self._draw(self.region_of_cell, np.asarray(region.exterior.coords), index)
         self.room_of_cell = _nearest_region(self.region_of_cell) * free
@@ -142,7 +143,7 @@ class Site:
         cv2.polylines(free, rings, True, 0, shift=SHIFT)
         return free
 
-    def _draw(self, cells: Mask, ring_m: Array, value: int) -> None:
+    def _draw(self, cells: Mask | Regions, ring_m: Array, value: int) -> None:
         cv2.fillPoly(cells, [self._pixels(ring_m)], value, shift=SHIFT)
 
     def _pixels(self, p_m: Array) -> NDArray[np.int32]:
@@ -171,7 +172,7 @@ def _largest_component(cells: Mask) -> Mask:
     return (labels == 1 + int(stats[1:, cv2.CC_STAT_AREA].argmax())).astype(np.uint8)
 
 
-def _nearest_region(region_of_cell: Mask) -> NDArray[np.int32]:
+def _nearest_region(region_of_cell: Regions) -> Regions:
     """(H, W) the region nearest to each cell."""
     source = (region_of_cell == 0).astype(np.uint8)
     _, component = cv2.distanceTransformWithLabels(source, cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_CCOMP)
@@ -181,7 +182,7 @@ def _nearest_region(region_of_cell: Mask) -> NDArray[np.int32]:
     return region_of_component[component]
 
 
-def _doorways(room_of_cell: NDArray[np.int32]) -> NDArray[np.bool_]:
+def _doorways(room_of_cell: Regions) -> NDArray[np.bool_]:
     """Cells within `DOOR_CLEARANCE_M` of where one room passes into another."""
     inner = np.ones(room_of_cell.shape, np.uint8)
     for axis in (0, 1):
