@@ -113,7 +113,7 @@ class _Work:
             self._records[task.name] = record
             if record is not None:
                 self._kept += 1
-                self._report.advance(record.counts, made=False)
+                self._report.advance(record.rows, made=False)
                 continue
             self._tell(task.name, self._writer.reason_to_make(task.name, task.inputs))
             self._writer.make_room(task.name, task.inputs)
@@ -121,7 +121,7 @@ class _Work:
 
     def made(self, record: ShardRecord) -> None:
         self._records[record.name] = record
-        self._report.advance(record.counts, made=True)
+        self._report.advance(record.rows, made=True)
 
     def records_in_order(self) -> list[ShardRecord]:
         return [record for record in self._records.values() if record is not None]

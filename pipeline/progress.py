@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Protocol
 
 from rich.console import Console
 from rich.progress import (
     BarColumn,
-    MofNCompleteColumn,
     Progress,
     TextColumn,
     TimeElapsedColumn,
@@ -26,8 +25,8 @@ class Meter(Protocol):
     def say(self, line: str) -> None:
         """Print a line."""
 
-    def advance(self, counts: Mapping[str, int], *, made: bool) -> None:
-        """One more shard is there, made now or found finished."""
+    def advance(self, rows: int, *, made: bool) -> None:
+        """One more shard is there, of so many rows, made now or found finished."""
 
 
 @contextmanager
@@ -37,88 +36,81 @@ def meter(stage: str, *, total: int | None, console: Console) -> Iterator[Meter]
     Args:
         stage: its name.
         total: how many shards there will be, None if that is not known beforehand.
+        console: where to print.
     """
     if not console.is_terminal:
-        yield _Lines(stage, total, console)
+        yield _Lines(_Tally(stage, total), console)
         return
+    # 80 columns hold it all.
     columns = (
         TextColumn("[bold]{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("shards  {task.fields[told]}"),
+        BarColumn(bar_width=14),
+        TextColumn("{task.fields[told]}"),
         TimeElapsedColumn(),
         TextColumn("left"),
-        TimeRemainingColumn(),
+        TimeRemainingColumn(compact=True),
     )
     with Progress(*columns, console=console) as progress:
-        yield _Bar(stage, total, progress)
+        yield _Bar(_Tally(stage, total), progress)
 
 
 class _Tally:
-    """Sums and the rate of what is made."""
+    """What is there, and how fast it comes."""
 
-    def __init__(self) -> None:
-        self.started_s = time.monotonic()
-        self.shards = 0
-        self.shards_made = 0
-        self.totals: dict[str, int] = {}
-        self.made: dict[str, int] = {}
+    def __init__(self, stage: str, total: int | None) -> None:
+        self.stage = stage
+        self.total = total
+        self.shards = self.shards_made = self.rows = self.rows_made = 0
+        self._started_s = time.monotonic()
 
-    def add(self, counts: Mapping[str, int], *, made: bool) -> None:
+    def add(self, rows: int, *, made: bool) -> None:
         self.shards += 1
+        self.rows += rows
         self.shards_made += made
-        for name, count in counts.items():
-            self.totals[name] = self.totals.get(name, 0) + count
-            self.made[name] = self.made.get(name, 0) + made * count
+        self.rows_made += made * rows
 
     def elapsed_s(self) -> float:
-        return time.monotonic() - self.started_s
+        return time.monotonic() - self._started_s
 
     def told(self) -> str:
-        """E.g. `48 plans (3.1/s), 40 accepted (2.6/s)`."""
-        elapsed_s = max(self.elapsed_s(), 1e-3)
-        return ", ".join(
-            f"{total} {name} ({self.made[name] / elapsed_s:.1f}/s)" for name, total in self.totals.items()
-        )
+        """E.g. `6/48 shards, 48 rows, 3.1/s`."""
+        of_total = f"/{self.total}" if self.total is not None else ""
+        rate = self.rows_made / max(self.elapsed_s(), 1e-3)
+        return f"{self.shards}{of_total} shards, {self.rows} rows, {rate:.1f}/s"
+
+    def left(self) -> str:
+        """E.g. `, about 40 s left`, once that can be known."""
+        if self.total is None or not self.shards_made:
+            return ""
+        return f", about {(self.total - self.shards) * self.elapsed_s() / self.shards_made:.0f} s left"
 
 
 class _Bar:
-    def __init__(self, stage: str, total: int | None, progress: Progress) -> None:
+    def __init__(self, tally: _Tally, progress: Progress) -> None:
+        self._tally = tally
         self._progress = progress
-        self._task = progress.add_task(stage, total=total, told="")
-        self._tally = _Tally()
+        self._task = progress.add_task(tally.stage, total=tally.total, told=tally.told())
 
     def say(self, line: str) -> None:
-        self._progress.console.print(line, highlight=False, markup=False)
+        self._progress.console.print(line, highlight=False, markup=False, soft_wrap=True)
 
-    def advance(self, counts: Mapping[str, int], *, made: bool) -> None:
-        self._tally.add(counts, made=made)
+    def advance(self, rows: int, *, made: bool) -> None:
+        self._tally.add(rows, made=made)
         self._progress.update(self._task, advance=1, told=self._tally.told())
 
 
 class _Lines:
-    def __init__(self, stage: str, total: int | None, console: Console) -> None:
-        self._stage, self._total, self._console = stage, total, console
-        self._tally = _Tally()
+    def __init__(self, tally: _Tally, console: Console) -> None:
+        self._tally = tally
+        self._console = console
         self._last_line_s = time.monotonic()
 
     def say(self, line: str) -> None:
         self._console.print(line, highlight=False, markup=False, soft_wrap=True)
 
-    def advance(self, counts: Mapping[str, int], *, made: bool) -> None:
-        self._tally.add(counts, made=made)
+    def advance(self, rows: int, *, made: bool) -> None:
+        self._tally.add(rows, made=made)
         now_s = time.monotonic()
         if now_s - self._last_line_s >= LINE_EVERY_S:
             self._last_line_s = now_s
-            self.say(f"{self._stage}: {self._shards()}: {self._tally.told()}{self._left()}")
-
-    def _shards(self) -> str:
-        of_total = f"/{self._total}" if self._total is not None else ""
-        return f"{self._tally.shards}{of_total} shards"
-
-    def _left(self) -> str:
-        tally = self._tally
-        if self._total is None or not tally.shards_made:
-            return ""
-        left_s = (self._total - tally.shards) * tally.elapsed_s() / tally.shards_made
-        return f", about {left_s:.0f} s left"
+            self.say(f"{self._tally.stage}: {self._tally.told()}{self._tally.left()}")
