@@ -140,6 +140,20 @@ def _ray_circle(ox: float, oy: float, dx: float, dy: float, x: float, y: float, 
 
 
 @nb.njit(cache=True)
+def _enter(gx: float, gy: float, dx: float, dy: float, cols: int, rows: int) -> float:
+    """Distance [cells] along the ray to the grid of cells, inf if it passes by."""
+    near, far = 0.0, np.inf
+    for g, d, n in ((gx, dx, cols), (gy, dy, rows)):
+        if d == 0.0:
+            if not 0.0 <= g <= n:
+                return np.inf
+            continue
+        a, b = -g / d, (n - g) / d
+        near, far = max(near, min(a, b)), min(far, max(a, b))
+    return near if near <= far else np.inf
+
+
+@nb.njit(cache=True)
 def _cast_one(
     ox: float,
     oy: float,
@@ -157,7 +171,14 @@ def _cast_one(
     """Distance to the first item along the ray, inf if it is beyond `max_range_m`."""
     n_segments = segments_m.shape[0]
     gx, gy = (ox - origin_m[0]) / CELL_M, (oy - origin_m[1]) / CELL_M
-    col, row = math.floor(gx), math.floor(gy)
+    enter = 0.0
+    if not (0.0 <= gx < cols and 0.0 <= gy < rows):
+        enter = _enter(gx, gy, dx, dy, cols, rows)
+        if enter == np.inf:
+            return np.inf
+    # From outside: start in the border cell through which the ray comes in.
+    col = min(max(math.floor(gx + enter * dx), 0), cols - 1)
+    row = min(max(math.floor(gy + enter * dy), 0), rows - 1)
     step_c = 1 if dx > 0.0 else -1
     step_r = 1 if dy > 0.0 else -1
     delta_c = CELL_M / abs(dx) if dx != 0.0 else np.inf

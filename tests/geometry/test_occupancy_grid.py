@@ -1,0 +1,80 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pytest import approx
+
+from pipeline.errors import MapError
+from pipeline.geometry.occupancy_grid import (
+    FREE,
+    OCCUPIED,
+    UNKNOWN,
+    OccupancyGrid,
+    grid_from_png,
+    overlap,
+)
+from pipeline.geometry.se2 import SE2
+
+
+def grid_of(cells: object, *, T_m_g: SE2 | None = None, resolution_m: float = 0.5) -> OccupancyGrid:
+    return OccupancyGrid(
+        cells=np.array(cells, np.uint8), resolution_m=resolution_m, T_m_g=T_m_g or SE2.identity()
+    )
+
+
+@given(st.floats(-5, 5), st.floats(-5, 5), st.floats(-3, 3))
+def test_every_cell_centre_lies_in_its_own_cell(x: float, y: float, yaw: float) -> None:
+    grid = grid_of(np.arange(12).reshape(3, 4), T_m_g=SE2(x, y, yaw))
+    centres = grid.cell_centres(np.ones((3, 4), bool))
+    np.testing.assert_array_equal(grid.cell_of(centres), np.argwhere(np.ones((3, 4), bool)))
+    np.testing.assert_array_equal(grid.sample(centres), np.arange(12))
+
+
+def test_the_first_cell_lies_inside_the_origin_corner() -> None:
+    grid = grid_of([[FREE, OCCUPIED], [UNKNOWN, FREE]], T_m_g=SE2(1.0, 2.0, 0.0))
+    assert grid.cell_centres(grid.occupied()) == approx(np.array([[1.75, 2.25]]))
+
+
+def test_outside_the_grid_all_is_unknown() -> None:
+    assert grid_of([[FREE]]).sample(np.array([[-0.1, 0.1], [0.1, 0.1]])).tolist() == [UNKNOWN, FREE]
+
+
+def test_the_png_has_the_largest_y_on_top_and_comes_back() -> None:
+    grid = grid_of([[OCCUPIED, FREE], [UNKNOWN, UNKNOWN], [FREE, FREE]], T_m_g=SE2(1.0, 2.0, 0.3))
+    back = grid_from_png(grid.png(), resolution_m=grid.resolution_m, T_m_g=grid.T_m_g)
+    np.testing.assert_array_equal(back.cells, grid.cells)
+    import cv2
+
+    image = cv2.imdecode(np.frombuffer(grid.png(), np.uint8), cv2.IMREAD_UNCHANGED)
+    assert image[-1, 0] == OCCUPIED
+
+
+def test_bytes_that_are_no_picture_are_refused() -> None:
+    with pytest.raises(MapError, match="not a greyscale PNG"):
+        grid_from_png(b"no picture", resolution_m=0.05, T_m_g=SE2.identity())
+
+
+def test_cropping_keeps_every_known_cell_where_it_was() -> None:
+    cells = np.full((40, 50), UNKNOWN, np.uint8)
+    cells[12:20, 30:33] = FREE
+    cells[14, 31] = OCCUPIED
+    grid = grid_of(cells, T_m_g=SE2(-3.0, 1.0, 0.4))
+    small = grid.cropped(margin_cells=1)
+    assert small.cells.shape == (10, 5)
+    p_m = grid.cell_centres(grid.known())
+    np.testing.assert_array_equal(small.sample(p_m), grid.sample(p_m))
+    assert small.known().sum() == grid.known().sum()
+
+
+def test_an_empty_map_crops_to_something_small() -> None:
+    assert grid_of(np.full((40, 50), UNKNOWN)).cropped(margin_cells=0).cells.shape == (1, 1)
+
+
+def test_overlap_of_shifted_squares_is_analytic() -> None:
+    square = grid_of(np.full((10, 10), FREE))
+    assert overlap(square, square, SE2.identity()) == approx(1.0)
+    # Half of each square covers the other: 50 / 150.
+    assert overlap(square, square, SE2(2.5, 0.0, 0.0)) == approx(1 / 3)
+    assert overlap(square, square, SE2(50.0, 0.0, 0.0)) == 0.0
+    empty = grid_of(np.full((10, 10), UNKNOWN))
+    assert overlap(empty, empty, SE2.identity()) == 0.0

@@ -1,0 +1,119 @@
+import math
+from collections.abc import Sequence
+
+import mujoco
+import numpy as np
+import pytest
+from pytest import approx
+
+from pipeline.floorplan.records import Solid
+from pipeline.geometry.se2 import SE2, Array
+from pipeline.simulation.drive import TICK_S, Encoder, OdometryNoise, Physics
+from pipeline.simulation.world import Drive, scene_mjcf
+from pipeline.slam.odometry import WheelOdometry
+from tests.simulation.scenes import burger, wall
+
+
+def physics(
+    *starts: SE2,
+    solids: Sequence[Solid] = (),
+    drive: Drive = Drive.WHEELS,
+    planar_slip: float = 0.0,
+) -> Physics:
+    specs = [burger() for _ in starts]
+    return Physics(
+        scene_mjcf(solids, specs, starts, drive=drive),
+        specs,
+        np.array([start.as_array() for start in starts]),
+        drive=drive,
+        planar_slip=planar_slip,
+        rng=np.random.default_rng(0),
+    )
+
+
+def driven(world: Physics, twist: tuple[float, float], seconds: float) -> Array:
+    for _ in range(round(seconds / TICK_S)):
+        world.step([twist] * len(world.poses_w()))
+    return world.poses_w()
+
+
+def test_the_burger_weighs_what_its_file_says() -> None:
+    model = mujoco.MjModel.from_xml_string(scene_mjcf([], [burger()], [SE2.identity()]))
+    assert model.body_subtreemass[0] == approx(burger().mass_kg)
+
+
+@pytest.mark.parametrize("drive", list(Drive))
+def test_a_robot_drives_straight_at_the_commanded_speed(drive: Drive) -> None:
+    x, y, yaw = driven(physics(SE2(1.0, 2.0, 0.5), drive=drive), (0.2, 0.0), 10.0)[0]
+    ahead = SE2(1.0, 2.0, 0.5).inverse() @ SE2(x, y, yaw)
+    # Starting up and the tyres' creep cost some centimetres of 2 m, never direction.
+    assert ahead.x_m == approx(2.0, abs=0.05)
+    assert ahead.y_m == approx(0.0, abs=0.005)
+    assert ahead.yaw_rad == approx(0.0, abs=0.005)
+
+
+@pytest.mark.parametrize("drive", list(Drive))
+def test_a_robot_turns_about_the_middle_of_its_wheels(drive: Drive) -> None:
+    x, y, yaw = driven(physics(SE2(1.0, 2.0, 0.5), drive=drive), (0.0, 1.5), 10.0)[0]
+    assert math.hypot(x - 1.0, y - 2.0) < 0.01
+    assert yaw == approx(0.5 + 15.0, rel=0.02)
+
+
+def test_commands_are_cut_to_the_burgers_limits() -> None:
+    spec = burger()
+    left, right = spec.wheel_speeds(1.0, 0.0)
+    assert left * spec.wheels.radius_m == approx(0.22)
+    left, right = spec.wheel_speeds(0.22, 2.84)
+    assert max(abs(left), abs(right)) * spec.wheels.radius_m <= 0.22 + 1e-12
+    # Scaled together: the arc keeps its curvature.
+    speed = 0.5 * spec.wheels.radius_m * (left + right)
+    turn = spec.wheels.radius_m * (right - left) / spec.wheels.track_m
+    assert turn / speed == approx(2.84 / 0.22)
+
+
+def test_a_wall_stops_the_robot_but_not_its_wheels() -> None:
+    world = physics(SE2.identity(), solids=[wall(0.5, -1.0, 0.5, 1.0)])
+    x, _, _ = driven(world, (0.2, 0.0), 10.0)[0]
+    front_m = burger().chassis.centre_x_m + burger().chassis.radius_m
+    assert x + front_m == approx(0.49, abs=0.02)
+    assert world.wheels_rad(0)[0] * burger().wheels.radius_m > 0.9
+
+
+def test_robots_block_each_other() -> None:
+    world = physics(SE2.identity(), SE2(1.0, 0.0, math.pi))
+    poses = driven(world, (0.2, 0.0), 15.0)
+    assert math.dist(poses[0, :2], poses[1, :2]) > 0.06
+
+
+@pytest.mark.parametrize("drive", list(Drive))
+def test_odometry_follows_a_square_but_not_exactly(drive: Drive) -> None:
+    world = physics(SE2.identity(), drive=drive, planar_slip=0.02)
+    encoder = Encoder(OdometryNoise(), rng=np.random.default_rng(3))
+    spec = burger()
+    odometry = WheelOdometry(wheel_radius_m=spec.wheels.radius_m, track_m=spec.wheels.track_m)
+    odometry.update(encoder.read((0.0, 0.0)))
+    for _ in range(4):
+        for twist, seconds in (((0.2, 0.0), 5.0), ((0.0, 0.8), 0.5 * math.pi / 0.8)):
+            for _ in range(round(seconds / TICK_S)):
+                world.step([twist])
+                odometry.update(encoder.read(world.wheels_rad(0)))
+    error = odometry.pose() - world.poses_w()[0]
+    assert 1e-3 < math.hypot(error[0], error[1]) < 0.3
+    assert 1e-3 < abs(error[2]) < 0.3
+
+
+def test_encoders_read_in_steps_with_a_scale_of_their_own() -> None:
+    noise = OdometryNoise(scale_sigma=0.01, jitter_rad=0.0)
+    scales = []
+    for seed in range(200):
+        left, _ = Encoder(noise, rng=np.random.default_rng(seed)).read((1000.0, 1000.0))
+        assert (left / noise.tick_rad) == approx(round(left / noise.tick_rad), abs=1e-6)
+        scales.append(left / 1000.0)
+    assert np.mean(scales) == approx(1.0, abs=0.003)
+    assert np.std(scales) == approx(0.01, rel=0.2)
+
+
+def test_the_same_commands_give_the_same_bits() -> None:
+    first = driven(physics(SE2(1.0, 2.0, 0.5)), (0.15, 0.7), 5.0)
+    second = driven(physics(SE2(1.0, 2.0, 0.5)), (0.15, 0.7), 5.0)
+    np.testing.assert_array_equal(first, second)

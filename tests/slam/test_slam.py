@@ -1,0 +1,179 @@
+import math
+
+import numpy as np
+import pytest
+from pytest import approx
+
+from pipeline.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN
+from pipeline.geometry.se2 import Array
+from pipeline.simulation.lidar import beam_bearings, cast_rays, ray_scene
+from pipeline.slam.mapping import MappingParameters, OccupancyMapper
+from pipeline.slam.scan_match import MatchParameters, SurfaceMap, scan_normals
+from pipeline.slam.slam import Slam, SlamParameters, Sweep, compose, deskew, open_space, relative
+from tests.simulation.scenes import burger, room_segments
+
+LIDAR = burger().lidar
+BEARINGS = beam_bearings(LIDAR)
+NO_CIRCLES = np.zeros((0, 3))
+
+
+def scan(segments: Array, pose: Array, noise_m: float = 0.0, seed: int = 0) -> Array:
+    """Ranges of a lidar that stands at a robot pose."""
+    at = compose(pose, np.array([LIDAR.x_m, 0.0, 0.0]))
+    ranges_m = cast_rays(ray_scene(segments, NO_CIRCLES), np.tile(at, (360, 1)), BEARINGS, max_range_m=3.5)
+    return ranges_m + noise_m * np.random.default_rng(seed).standard_normal(360)
+
+
+def points_of(ranges_m: Array) -> tuple[Array, Array]:
+    return deskew(ranges_m, BEARINGS, np.zeros((2, 3)), LIDAR.x_m, 3.0)
+
+
+def surface_of(segments: Array, pose: Array) -> SurfaceMap:
+    surface = SurfaceMap(extent_m=20.0, parameters=MatchParameters())
+    ranges_m = scan(segments, pose)
+    points_m, origins_m = points_of(ranges_m)
+    normals = scan_normals(points_m, origins_m, np.isfinite(ranges_m), 0.2)
+    surface.insert(points_m, normals, np.full(360, 0.01), pose)
+    return surface
+
+
+@pytest.mark.parametrize("offset", [(0.05, -0.03, 0.03), (-0.06, 0.04, -0.05), (0.0, 0.0, 0.08)])
+def test_matching_recovers_where_the_scan_was_taken(offset: tuple[float, float, float]) -> None:
+    segments = room_segments(4.0, 3.0)
+    true_pose = np.array([1.4, 1.3, 0.4])
+    surface = surface_of(segments, np.array([1.2, 1.2, 0.2]))
+    ranges_m = scan(segments, true_pose)
+    points_m, origins_m = points_of(ranges_m)
+    normals = scan_normals(points_m, origins_m, np.isfinite(ranges_m), 0.2)
+    pose, used = surface.match(
+        points_m, normals, np.full(360, 0.01), true_pose + offset, travelled=np.array([0.3, 0.0, 0.3])
+    )
+    assert used > 200
+    assert pose == approx(true_pose, abs=0.004)
+
+
+def test_a_scan_of_one_face_of_a_wall_does_not_lock_on_to_the_other() -> None:
+    # Seen from below, the face at y = 1.0; from above, the one at y = 1.1.
+    below, above = np.array([[3.0, 1.0, -3.0, 1.0]]), np.array([[-3.0, 1.1, 3.0, 1.1]])
+    surface = surface_of(below, np.array([0.0, 0.0, 0.0]))
+    pose = np.array([0.0, 2.0, 0.0])
+    ranges_m = scan(above, pose)
+    points_m, origins_m = points_of(ranges_m)
+    normals = scan_normals(points_m, origins_m, np.isfinite(ranges_m), 0.2)
+    found, used = surface.match(
+        points_m, normals, np.full(360, 0.01), pose, travelled=np.array([1.0, 0.0, 0.0])
+    )
+    assert used == 0
+    assert found == approx(pose)
+
+
+def test_normals_are_those_of_the_walls_and_point_to_the_sensor() -> None:
+    ranges_m = scan(room_segments(4.0, 3.0), np.array([1.0, 1.0, 0.0]))
+    points_m, origins_m = points_of(ranges_m)
+    normals = scan_normals(points_m, origins_m, np.isfinite(ranges_m), 0.2)
+    flat = np.linalg.norm(normals, axis=1) > 0
+    assert flat.mean() > 0.9
+    # Axis-aligned walls, and each normal turned against its beam.
+    away_from_axes = np.minimum(np.abs(normals[flat, 0]), np.abs(normals[flat, 1]))
+    assert np.quantile(away_from_axes, 0.9) < 1e-6
+    assert ((normals[flat] * (origins_m - points_m)[flat]).sum(axis=1) > 0).all()
+
+
+def test_deskewing_undoes_a_turn_and_a_drive_within_the_sweep() -> None:
+    segments = room_segments(4.0, 3.0)
+    begin, twist, knots = np.array([1.5, 1.4, 0.2]), np.array([0.044, 0.0, 0.4]), 5
+    odometry = np.array([compose(begin, twist * f) for f in np.linspace(0.0, 1.0, knots)])
+    poses = np.array([compose(begin, twist * (i / 360)) for i in range(360)])
+    T_w_l = np.array([compose(pose, np.array([LIDAR.x_m, 0.0, 0.0])) for pose in poses])
+    ranges_m = cast_rays(ray_scene(segments, NO_CIRCLES), T_w_l, BEARINGS, max_range_m=3.5)
+    points_m, _ = deskew(ranges_m, BEARINGS, odometry, LIDAR.x_m, 3.0)
+    end = odometry[-1]
+    c, s = math.cos(end[2]), math.sin(end[2])
+    points_w = points_m @ np.array([[c, s], [-s, c]]) + end[:2]
+    off_m = np.min(
+        [abs(points_w[:, 0]), abs(points_w[:, 0] - 4.0), abs(points_w[:, 1]), abs(points_w[:, 1] - 3.0)],
+        axis=0,
+    )
+    hit = np.isfinite(ranges_m)
+    assert off_m[hit].max() < 1e-3
+    skewed_m, _ = deskew(ranges_m, BEARINGS, np.tile(end, (knots, 1)), LIDAR.x_m, 3.0)
+    assert np.abs(skewed_m - points_m)[hit].max() > 0.3
+
+
+def test_open_space_takes_a_run_of_silent_beams_also_across_the_first() -> None:
+    ranges_m = np.ones(20)
+    ranges_m[[18, 19, 0, 1, 7]] = np.inf
+    assert np.flatnonzero(open_space(ranges_m, 4)).tolist() == [0, 1, 18, 19]
+    assert not open_space(ranges_m, 5).any()
+    assert open_space(np.full(20, np.inf), 5).all()
+
+
+def test_a_wall_becomes_occupied_the_way_to_it_free_the_rest_stays_unknown() -> None:
+    mapper = OccupancyMapper(extent_m=10.0, parameters=MappingParameters())
+    point, origin = np.array([[2.0, 0.0]]), np.array([[0.0, 0.0]])
+    yes, no = np.ones(1, bool), np.zeros(1, bool)
+    for _ in range(3):
+        mapper.integrate(point, origin, yes, no, np.array([0.01, 0.01, 0.0]))
+    grid = mapper.grid()
+    assert grid.sample(np.array([2.02, 0.02])) == OCCUPIED
+    assert (grid.sample(np.stack([np.linspace(0.02, 1.97, 30), np.full(30, 0.02)], axis=1)) == FREE).all()
+    assert grid.sample(np.array([2.1, 0.02])) == UNKNOWN
+    assert grid.occupied().sum() == 1
+
+
+def test_grazing_beams_of_a_scan_do_not_clear_what_it_hits() -> None:
+    mapper = OccupancyMapper(extent_m=10.0, parameters=MappingParameters())
+    # Many beams pass through the cell in which the first one ends.
+    points = np.array([[1.02, 0.02], *[[2.0, 0.02]] * 9])
+    origins = np.full((10, 2), 0.02)
+    for _ in range(3):
+        mapper.integrate(points, origins, np.ones(10, bool), np.zeros(10, bool), np.zeros(3))
+    assert mapper.grid().sample(np.array([1.02, 0.02])) == OCCUPIED
+
+
+def test_what_moved_away_is_forgotten() -> None:
+    mapper = OccupancyMapper(extent_m=10.0, parameters=MappingParameters())
+    origin, yes, no = np.full((1, 2), 0.02), np.ones(1, bool), np.zeros(1, bool)
+    for _ in range(50):
+        mapper.integrate(np.array([[1.02, 0.02]]), origin, yes, no, np.zeros(3))
+    for _ in range(20):
+        mapper.integrate(np.array([[2.02, 0.02]]), origin, yes, no, np.zeros(3))
+    assert mapper.grid().sample(np.array([1.02, 0.02])) == FREE
+
+
+def test_a_map_smaller_than_the_world_keeps_what_it_can() -> None:
+    mapper = OccupancyMapper(extent_m=2.0, parameters=MappingParameters())
+    for _ in range(3):
+        mapper.integrate(
+            np.array([[5.0, 0.02]]), np.full((1, 2), 0.02), np.ones(1, bool), np.zeros(1, bool), np.zeros(3)
+        )
+    grid = mapper.grid()
+    assert grid.sample(np.array([0.9, 0.02])) == FREE
+    assert not grid.occupied().any()
+
+
+def test_slam_walks_a_room_with_wheels_that_spin() -> None:
+    """A circle through a room with 2 cm of range noise; for two sweeps the wheels turn in vain."""
+    segments = np.concatenate([room_segments(4.0, 3.0), [[1.0, 0.0, 1.0, 0.8], [3.0, 3.0, 3.0, 2.1]]])
+    slam = Slam(bearings_rad=BEARINGS, lidar_x_m=LIDAR.x_m, parameters=SlamParameters())
+    start = np.array([2.0, 0.8, 0.0])
+    odometry = np.zeros(3)
+    for k in range(100):
+        true_pose = np.array([2.0 + 0.7 * math.sin(0.06 * k), 1.5 - 0.7 * math.cos(0.06 * k), 0.06 * k])
+        if k:
+            odometry = compose(odometry, relative(before, true_pose) * [1.01, 1.0, 1.02])  # noqa: F821
+        if k in (40, 41):
+            odometry = compose(odometry, np.array([0.04, 0.0, 0.1]))
+        ranges_m = scan(segments, true_pose, noise_m=0.02, seed=k)
+        slam.update(Sweep(ranges_m=ranges_m, odometry=np.tile(odometry, (5, 1))))
+        before = true_pose  # noqa: F841
+    error = relative(relative(start, true_pose), slam.pose())
+    off_by = relative(relative(start, true_pose), odometry)
+    assert math.hypot(error[0], error[1]) < 0.03
+    assert abs(error[2]) < math.radians(1.0)
+    assert math.hypot(off_by[0], off_by[1]) > 0.1
+
+
+def test_composition_and_its_inverse() -> None:
+    a, b = np.array([1.0, -2.0, 4.0]), np.array([0.3, 0.7, -9.0])
+    assert relative(a, compose(a, b)) == approx(b)
