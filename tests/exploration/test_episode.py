@@ -1,0 +1,205 @@
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from pytest import approx
+
+from pipeline.exploration import episode as episode_module
+from pipeline.exploration.episode import Episode, EpisodeParameters, run_episode
+from pipeline.exploration.explorer import Explorer
+from pipeline.exploration.starts import draw_starts
+from pipeline.exploration.surroundings import Surroundings, furnished
+from pipeline.floorplan.furnish import furnish
+from pipeline.floorplan.generate import GeneratorParameters, generate_floorplan
+from pipeline.floorplan.records import Floorplan, Solid
+from pipeline.floorplan.validate import start_regions
+from pipeline.floorplan.walls import wall_boxes
+from pipeline.geometry.se2 import SE2
+from pipeline.seeds import stream
+from pipeline.simulation.lidar import cast_rays
+from pipeline.simulation.world import Drive
+from tests.simulation.scenes import burger
+
+SHORT = EpisodeParameters(max_time_s=90.0, first_event_s=(10.0, 20.0))
+
+
+@pytest.fixture(scope="module")
+def plan() -> Floorplan:
+    return generate_floorplan(stream(0, "test", 1), plan_id="flat", parameters=GeneratorParameters())
+
+
+@pytest.fixture(scope="module")
+def furniture(plan: Floorplan) -> tuple[Solid, ...]:
+    return furnish(plan, stream(0, "furniture"), density=1.0)
+
+
+@pytest.fixture(scope="module")
+def surroundings(plan: Floorplan, furniture: tuple[Solid, ...]) -> Surroundings:
+    return furnished(plan, wall_boxes(plan, height_m=2.5), furniture, burger())
+
+
+@pytest.fixture(scope="module")
+def starts(plan: Floorplan, furniture: tuple[Solid, ...], surroundings: Surroundings) -> tuple[SE2, SE2]:
+    return draw_starts(
+        plan,
+        start_regions(plan),
+        furniture,
+        surroundings.lidar_scene,
+        clearance_m=0.22,
+        least_distance_m=2.0,
+        rng=stream(0, "starts"),
+    )
+
+
+@pytest.fixture(scope="module")
+def met(surroundings: Surroundings, starts: tuple[SE2, SE2]) -> Episode:
+    return run(surroundings, starts, SHORT)
+
+
+def run(surroundings: Surroundings, starts: tuple[SE2, SE2], parameters: EpisodeParameters) -> Episode:
+    return run_episode(surroundings, (burger(), burger()), starts, parameters, rng=stream(0, "episode"))
+
+
+def test_starts_are_apart_out_of_sight_and_clear_of_everything(
+    plan: Floorplan, furniture: tuple[Solid, ...], surroundings: Surroundings
+) -> None:
+    for k in range(20):
+        a, b = draw_starts(
+            plan,
+            start_regions(plan),
+            furniture,
+            surroundings.lidar_scene,
+            clearance_m=0.22,
+            least_distance_m=2.0,
+            rng=stream(k, "starts"),
+        )
+        distance_m = math.dist((a.x_m, a.y_m), (b.x_m, b.y_m))
+        assert distance_m >= 2.0
+        towards = math.atan2(b.y_m - a.y_m, b.x_m - a.x_m)
+        line = cast_rays(
+            surroundings.lidar_scene, np.array([[a.x_m, a.y_m, towards]]), np.zeros(1), max_range_m=distance_m
+        )
+        assert np.isfinite(line[0])
+        for start in (a, b):
+            around = cast_rays(
+                surroundings.lidar_scene,
+                np.tile(start.as_array(), (360, 1)),
+                np.radians(np.arange(360.0)),
+                max_range_m=3.5,
+            )
+            assert around.min() > 0.18
+
+
+def test_robots_meet_and_what_is_recorded_fits_together(met: Episode, starts: tuple[SE2, SE2]) -> None:
+    assert met.events
+    for event in met.events:
+        assert any(event.sightings)
+        for i, snapshot in enumerate(event.snapshots):
+            assert snapshot.trajectory[-1, 0] == snapshot.trajectory_w[-1, 0] == event.t_s
+            assert snapshot.trajectory[-1, 1:3] == approx(snapshot.T_m_r.as_array()[:2])
+            assert snapshot.trajectory_w[-1, 1:3] == approx(snapshot.T_w_r.as_array()[:2])
+            true_m_r = starts[i].inverse() @ snapshot.T_w_r
+            assert math.dist(true_m_r.as_array()[:2], snapshot.T_m_r.as_array()[:2]) < 0.1
+            assert snapshot.grid.known().sum() * 0.05**2 >= SHORT.least_explored_m2
+
+
+def test_events_keep_their_distance_in_time_and_travel(met: Episode) -> None:
+    for before, after in zip(met.events, met.events[1:], strict=False):
+        assert after.t_s - before.t_s >= SHORT.event_gap_s - 1e-9
+        for i in range(2):
+            path = after.snapshots[i].trajectory_w
+            since = path[path[:, 0] >= before.t_s - 1e-9]
+            # Chords of a path sampled each second are a little shorter than the path.
+            assert np.hypot(*np.diff(since[:, 1:3], axis=0).T).sum() > 0.9 * SHORT.event_gap_m
+
+
+def test_the_same_stream_gives_the_same_bits(
+    met: Episode, surroundings: Surroundings, starts: tuple[SE2, SE2]
+) -> None:
+    again = run(surroundings, starts, SHORT)
+    assert again.simulated_s == met.simulated_s
+    assert len(again.events) == len(met.events)
+    for a, b in zip(again.events, met.events, strict=True):
+        for i in range(2):
+            np.testing.assert_array_equal(a.snapshots[i].grid.cells, b.snapshots[i].grid.cells)
+            np.testing.assert_array_equal(a.snapshots[i].trajectory, b.snapshots[i].trajectory)
+
+
+def test_no_ground_truth_leaks_into_slam(
+    met: Episode, surroundings: Surroundings, starts: tuple[SE2, SE2], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With every true pose that is recorded moved by metres, the robots do and map the same to the bit."""
+    honest = episode_module._Robot.snapshot
+    lie = SE2(3.0, -2.0, 1.0)
+
+    def lying(robot: Any) -> Any:
+        told = honest(robot)
+        return replace(told, T_w_r=lie @ told.T_w_r, trajectory_w=told.trajectory_w + 5.0)
+
+    monkeypatch.setattr(episode_module._Robot, "snapshot", lying)
+    misled = run(surroundings, starts, SHORT)
+    assert len(misled.events) == len(met.events)
+    for a, b in zip(misled.events, met.events, strict=True):
+        for i in range(2):
+            assert a.snapshots[i].T_w_r != b.snapshots[i].T_w_r
+            np.testing.assert_array_equal(a.snapshots[i].grid.cells, b.snapshots[i].grid.cells)
+            assert a.snapshots[i].T_m_r == b.snapshots[i].T_m_r
+
+
+def test_measurements_alone_reproduce_map_and_pose(
+    surroundings: Surroundings, starts: tuple[SE2, SE2], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Replayed into a fresh robot in another world frame, encoders and ranges give the same map."""
+    log: list[tuple[str, Any]] = []
+    read_encoders, read_lidar = Explorer.read_encoders, Explorer.read_lidar
+    owner: list[Explorer] = []
+
+    def encoders(self: Explorer, time_s: float, wheels_rad: tuple[float, float]) -> None:
+        owner[:1] = owner[:1] or [self]
+        if owner[0] is self:
+            log.append(("encoders", (time_s, wheels_rad)))
+        read_encoders(self, time_s, wheels_rad)
+
+    def lidar(self: Explorer, ranges_m: Any) -> None:
+        if owner[0] is self:
+            log.append(("lidar", (ranges_m.copy(),)))
+        read_lidar(self, ranges_m)
+
+    monkeypatch.setattr(Explorer, "read_encoders", encoders)
+    monkeypatch.setattr(Explorer, "read_lidar", lidar)
+    run(surroundings, starts, replace(SHORT, max_time_s=20.0))
+    monkeypatch.undo()
+    replayed = Explorer(burger(), slam=SHORT.slam, parameters=SHORT.explorer, rng=np.random.default_rng(99))
+    for kind, values in log:
+        (replayed.read_encoders if kind == "encoders" else replayed.read_lidar)(*values)
+    np.testing.assert_array_equal(replayed.slam.grid().cells, owner[0].slam.grid().cells)
+    np.testing.assert_array_equal(replayed.slam.pose(), owner[0].slam.pose())
+
+
+def test_planar_drive_meets_and_maps_as_well(surroundings: Surroundings, starts: tuple[SE2, SE2]) -> None:
+    planar = run(surroundings, starts, replace(SHORT, drive=Drive.PLANAR))
+    assert planar.simulated_s > 10.0
+    for event in planar.events:
+        for i, snapshot in enumerate(event.snapshots):
+            true_m_r = starts[i].inverse() @ snapshot.T_w_r
+            assert math.dist(true_m_r.as_array()[:2], snapshot.T_m_r.as_array()[:2]) < 0.1
+
+
+def test_without_noise_slam_is_better_than_a_centimetre(
+    surroundings: Surroundings, starts: tuple[SE2, SE2]
+) -> None:
+    quiet = replace(
+        SHORT,
+        lidar_noise=replace(SHORT.lidar_noise, sigma_m=0.0, sigma_ratio=0.0, dropout=0.0),
+        odometry_noise=replace(SHORT.odometry_noise, scale_sigma=0.0, jitter_rad=0.0),
+    )
+    found = run(surroundings, starts, quiet)
+    assert found.events
+    for event in found.events:
+        for i, snapshot in enumerate(event.snapshots):
+            true_m_r = starts[i].inverse() @ snapshot.T_w_r
+            assert math.dist(true_m_r.as_array()[:2], snapshot.T_m_r.as_array()[:2]) < 0.015
