@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import itertools
+import logging
 import multiprocessing
 import os
 import signal
@@ -36,6 +37,11 @@ ONE_THREAD = {
     "RAYON_NUM_THREADS": "1",
     "ARROW_NUM_THREADS": "1",
 }
+
+WORKER_KILLED = (
+    "a worker process was killed, perhaps for want of memory; finished shards are kept: run the same command "
+    "again to resume, with fewer --workers if memory is short"
+)
 
 
 class Engine(StrEnum):
@@ -85,10 +91,7 @@ def _run_in_processes(calls: Iterable[Call[Result]], workers: int) -> Generator[
             yield from (future.result() for future in done)
         executor.shutdown()
     except BrokenProcessPool as error:
-        raise PipelineError(
-            "a worker process was killed, perhaps for want of memory; finished shards are kept: run the same "
-            "command again to resume, with fewer --workers if memory is short"
-        ) from error
+        raise PipelineError(WORKER_KILLED) from error
     finally:
         executor.shutdown(wait=False, cancel_futures=True)
         for child in set(multiprocessing.active_children()) - children_before:
@@ -128,20 +131,25 @@ def _run_on_ray(calls: Iterable[Call[Result]], workers: int) -> Generator[Result
         raise SetupError(
             "--engine ray: Ray is not installed; `pip install 'rendezvous-fusion[ray]'` installs it"
         ) from error
-    ray.init(
-        ignore_reinit_error=True,
-        include_dashboard=False,
-        log_to_driver=False,
-        runtime_env={"env_vars": ONE_THREAD},
-    )
+    if not ray.is_initialized():
+        ray.init(
+            include_dashboard=False,
+            log_to_driver=False,
+            logging_level=logging.ERROR,
+            runtime_env={"env_vars": ONE_THREAD},
+        )
     call_remotely: Any = ray.remote(num_cpus=1)(_call)
     waiting = iter(calls)
     pending = [call_remotely.remote(call) for call in itertools.islice(waiting, workers)]
     try:
         while pending:
             (done,), pending = ray.wait(pending, num_returns=1)
-            yield ray.get(done)
             pending += [call_remotely.remote(call) for call in itertools.islice(waiting, 1)]
+            yield ray.get(done)
+    except ray.exceptions.RayTaskError as error:
+        raise error.cause from error
+    except (ray.exceptions.WorkerCrashedError, ray.exceptions.OutOfMemoryError) as error:
+        raise PipelineError(WORKER_KILLED) from error
     finally:
         for reference in pending:
             ray.cancel(reference, force=True)

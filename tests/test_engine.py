@@ -199,6 +199,19 @@ def test_without_ray_its_engine_says_how_to_get_it(tmp_path: Path, monkeypatch: 
         build(tmp_path, toy_tasks(["a"]), engine=Engine.RAY)
 
 
+def test_ray_makes_the_same_bytes_and_passes_faults_on(tmp_path: Path, undisturbed):
+    pytest.importorskip("ray")
+    build(tmp_path, toy_tasks(item_names(12)), workers=2, engine=Engine.RAY)
+    assert toy_content(tmp_path) == undisturbed
+    task = toy_tasks(["a"])[0]
+    faulty = Task(name=task.name, inputs=task.inputs, make=partial(fail, "x: the disk is full"))
+    with pytest.raises(StoreError, match=r"^x: the disk is full$"):
+        build(tmp_path / "full", [faulty], engine=Engine.RAY)
+    killed = Task(name=task.name, inputs=task.inputs, make=die)
+    with pytest.raises(PipelineError, match="worker process was killed"):
+        build(tmp_path / "killed", [killed], engine=Engine.RAY)
+
+
 class Crash:
     """Ends the process, as `kill -9` would, at the n-th step of writing to disk."""
 
