@@ -174,12 +174,13 @@ def _largest_component(cells: Mask) -> Mask:
 
 def _nearest_region(region_of_cell: Regions) -> Regions:
     """(H, W) the region nearest to each cell."""
-    source = (region_of_cell == 0).astype(np.uint8)
-    _, component = cv2.distanceTransformWithLabels(source, cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_CCOMP)
-    region_of_component = np.zeros(int(component.max()) + 1, np.int32)
     marked = region_of_cell > 0
-    region_of_component[component[marked]] = region_of_cell[marked]
-    return region_of_component[component]
+    source = 1 - marked.astype(np.uint8)
+    # A label per cell of the regions, not per connected set of them: regions may touch in a wide doorway.
+    _, label = cv2.distanceTransformWithLabels(source, cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL)
+    region_of_label = np.zeros(int(label.max()) + 1, np.int32)
+    region_of_label[label[marked]] = region_of_cell[marked]
+    return region_of_label[label]
 
 
 def _doorways(room_of_cell: Regions) -> NDArray[np.bool_]:

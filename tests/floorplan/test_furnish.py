@@ -11,6 +11,7 @@ from pipeline.errors import FloorplanError
 from pipeline.floorplan.furnish import furnish
 from pipeline.floorplan.houseexpo import parse_floorplan
 from pipeline.floorplan.records import Floorplan, Shape, Solid
+from pipeline.floorplan.site import Site
 from pipeline.floorplan.validate import reachable_space, start_regions, validated
 from pipeline.seeds import stream
 from tests.floorplan.plans import TWO_ROOMS, generated, plan_of
@@ -136,3 +137,15 @@ def test_rooms_get_what_belongs_in_them():
     assert found["bed"] <= {"Bedroom", "Guest_Room", "Child_Room"}
     assert found["toilet"] <= {"Bathroom", "Toilet"}
     assert "Office" in found["desk"]
+
+
+@pytest.mark.parametrize("index", range(20))
+def test_every_start_region_is_a_room_of_its_own(index: int):
+    plan = generated(index)
+    site = Site(plan)
+    regions = start_regions(plan)
+    assert site.room_count == len(regions)
+    for room, region in enumerate(regions, start=1):
+        point = region.representative_point()
+        assert site.room_at(np.array([[point.x, point.y]])) == [room]
+    assert [len(cells) > 0 for cells in site.cells_per_room()] == [True] * len(regions)
