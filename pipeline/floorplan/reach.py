@@ -30,7 +30,7 @@ def first_vacant(taken: Mask, rectangles: Array, first: int, slack: float) -> in
     """
     for n in range(first, len(rectangles)):
         x, y, yaw, half_x, half_y = rectangles[n]
-        row0, row1, col0, col1 = _window(taken.shape, x, y, np.hypot(half_x, half_y) + 1.0)
+        row0, row1, col0, col1 = _window(taken.shape, rectangles[n], 1.0)
         cos, sin = np.cos(yaw), np.sin(yaw)
         vacant = True
         for row in range(row0, row1):
@@ -53,7 +53,7 @@ def first_vacant(taken: Mask, rectangles: Array, first: int, slack: float) -> in
 def furnish_in_place(taken: Mask, rectangle: Array) -> None:
     """Mark every cell that a rectangle (5,) touches as taken by furniture."""
     x, y, yaw, half_x, half_y = rectangle
-    row0, row1, col0, col1 = _window(taken.shape, x, y, np.hypot(half_x, half_y) + 1.0)
+    row0, row1, col0, col1 = _window(taken.shape, rectangle, 1.0)
     cos, sin = np.cos(yaw), np.sin(yaw)
     for row in range(row0, row1):
         for col in range(col0, col1):
@@ -93,14 +93,13 @@ def admit_in_place(
     Returns:
         Whether the piece was admitted.
     """
-    reach = np.hypot(rectangle[3], rectangle[4]) + clearance + 2.0
-    row0, row1, col0, col1 = _window(reachable.shape, rectangle[0], rectangle[1], reach)
+    row0, row1, col0, col1 = _window(reachable.shape, rectangle, clearance + 2.0)
     before = reachable[row0:row1, col0:col1]
     after = before.copy()
     for n in range(len(boxes)):
-        _clear(after, row0, col0, boxes[n], clearance, False)
+        _clear_in_place(after, row0, col0, boxes[n], clearance, False)
     for n in range(len(cylinders)):
-        _clear(after, row0, col0, cylinders[n], clearance, True)
+        _clear_in_place(after, row0, col0, cylinders[n], clearance, True)
     labels, leaves = _components(after)
     if not leaves.any():
         return False
@@ -146,28 +145,35 @@ def _count_losses_in_place(
 
 
 @nb.njit(cache=True)
-def _window(shape: tuple[int, int], x: float, y: float, reach: float) -> tuple[int, int, int, int]:
-    row0, row1 = max(int(np.floor(y - reach)), 0), min(int(np.ceil(y + reach)), shape[0])
-    col0, col1 = max(int(np.floor(x - reach)), 0), min(int(np.ceil(x + reach)), shape[1])
+def _window(shape: tuple[int, int], rectangle: Array, margin: float) -> tuple[int, int, int, int]:
+    """First row, last row + 1, first column, last column + 1 of the cells around a rectangle (5,)."""
+    x, y, yaw, half_x, half_y = rectangle
+    cos, sin = abs(np.cos(yaw)), abs(np.sin(yaw))
+    reach_x, reach_y = cos * half_x + sin * half_y + margin, sin * half_x + cos * half_y + margin
+    row0, row1 = max(int(np.floor(y - reach_y)), 0), min(int(np.ceil(y + reach_y)), shape[0])
+    col0, col1 = max(int(np.floor(x - reach_x)), 0), min(int(np.ceil(x + reach_x)), shape[1])
     return row0, row1, col0, col1
 
 
 @nb.njit(cache=True)
-def _clear(cells: Mask, row0: int, col0: int, solid: Array, clearance: float, is_cylinder: bool) -> None:
-    """Zero the cells nearer to a solid than the clearance."""
-    x, y, yaw, half_x, half_y = solid[0] - col0, solid[1] - row0, solid[2], solid[3], solid[4]
-    r0, r1, c0, c1 = _window(cells.shape, x, y, np.hypot(half_x, half_y) + clearance)
+def _clear_in_place(
+    cells: Mask, row0: int, col0: int, solid: Array, clearance: float, is_cylinder: bool
+) -> None:
+    """Zero the cells of a window whose centres are nearer to a solid than the clearance."""
+    moved = solid.copy()
+    moved[0] -= col0
+    moved[1] -= row0
+    row_first, row_end, col_first, col_end = _window(cells.shape, moved, clearance)
+    x, y, yaw, half_x, half_y = moved
+    if is_cylinder:
+        clearance, half_x, half_y = clearance + half_x, 0.0, 0.0
     cos, sin = np.cos(yaw), np.sin(yaw)
-    for row in range(r0, r1):
-        for col in range(c0, c1):
+    for row in range(row_first, row_end):
+        for col in range(col_first, col_end):
             dx, dy = col + 0.5 - x, row + 0.5 - y
-            if is_cylinder:
-                distance = np.hypot(dx, dy) - half_x
-            else:
-                along = max(abs(cos * dx + sin * dy) - half_x, 0.0)
-                aside = max(abs(cos * dy - sin * dx) - half_y, 0.0)
-                distance = np.hypot(along, aside)
-            if distance < clearance:
+            along = max(abs(cos * dx + sin * dy) - half_x, 0.0)
+            aside = max(abs(cos * dy - sin * dx) - half_y, 0.0)
+            if along * along + aside * aside < clearance * clearance:
                 cells[row, col] = 0
 
 
