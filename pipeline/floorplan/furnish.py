@@ -19,7 +19,7 @@ from pipeline.geometry.se2 import Array
 TRIES = 10
 """Places tried for one piece."""
 
-FAILURES = 4
+FAILURES = 8
 """A room is full when this many pieces in a row find no place."""
 
 ROUND_M2 = 18.0
