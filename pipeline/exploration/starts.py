@@ -34,7 +34,7 @@ def draw_starts(
     Args:
         floorplan: the plan.
         regions: its rooms.
-        solids: its furniture.
+        solids: what of its furniture a robot can run into.
         scene: walls and furniture as the lidar sees them.
         clearance_m: distance kept from all of them.
         least_distance_m: between the starts.

@@ -34,12 +34,15 @@ def furnished(
     segments_m, circles_m = lidar_outline(plan, furniture, height_m=robot.lidar.z_m)
     wall_height_m = max(wall.z1_m for wall in walls)
     sides_m, bottoms_m, tops_m, cylinders_m = sight_obstacles(plan, furniture, wall_height_m=wall_height_m)
-    # A table top above the robots only costs time in physics.
-    in_the_way = (solid for solid in furniture if solid.z0_m < robot.size_m[2])
     return Surroundings(
-        solids=(*walls, *in_the_way),
+        solids=(*walls, *in_the_way(furniture, robot)),
         lidar_scene=ray_scene(segments_m, circles_m),
         sight_obstacles=SightObstacles(
             segments_m=sides_m, bottoms_m=bottoms_m, tops_m=tops_m, circles_m=cylinders_m
         ),
     )
+
+
+def in_the_way(furniture: Sequence[Solid], robot: RobotSpec) -> tuple[Solid, ...]:
+    """What the robot can run into: a table top above it only costs time in physics."""
+    return tuple(solid for solid in furniture if solid.z0_m < robot.size_m[2])

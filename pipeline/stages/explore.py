@@ -15,7 +15,7 @@ from pipeline.engine import Run, Task, part_name
 from pipeline.errors import FloorplanError
 from pipeline.exploration.episode import Episode, run_episode
 from pipeline.exploration.starts import draw_starts
-from pipeline.exploration.surroundings import furnished
+from pipeline.exploration.surroundings import furnished, in_the_way
 from pipeline.floorplan.furnish import furnish
 from pipeline.floorplan.records import Floorplan, Solid
 from pipeline.floorplan.validate import start_regions
@@ -101,7 +101,7 @@ def _run(
     starts = draw_starts(
         plan,
         start_regions(plan),
-        furniture,
+        in_the_way(furniture, robot),
         surroundings.lidar_scene,
         clearance_m=section.start_clearance_m,
         least_distance_m=section.start_distance_m,

@@ -1,0 +1,102 @@
+"""The whole pipeline on the `smoke` preset: the same bytes however it was run, and nothing done twice."""
+
+from __future__ import annotations
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from pipeline.store.read import StageReader
+from tests.conftest import ROOT
+from tests.toy_stage import folder_content
+
+pytestmark = pytest.mark.slow
+
+STAGES = ("floorplans", "meshes", "explore", "dataset")
+
+
+def command(data: Path, *options: str) -> list[str]:
+    start = [sys.executable, "-m", "pipeline.cli"]
+    return [*start, "dataset", "--preset", "smoke", "--data", str(data), *options]
+
+
+def run(data: Path, *options: str) -> str:
+    done = subprocess.run(command(data, *options), cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return done.stderr
+
+
+def assert_same(folder: Path, other: Path) -> None:
+    """Names first: a difference of megabytes tells nobody anything."""
+    found, expected = folder_content(folder), folder_content(other)
+    assert sorted(found) == sorted(expected)
+    assert [name for name in found if found[name] != expected[name]] == []
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """One worker, nothing in its way."""
+    data = tmp_path_factory.mktemp("pipeline") / "data"
+    run(data, "--workers", "1")
+    return data
+
+
+def test_two_workers_make_the_same_bytes(made: Path, tmp_path: Path) -> None:
+    run(tmp_path, "--workers", "2")
+    assert_same(tmp_path, made)
+
+
+def test_killed_at_random_moments_and_rerun_it_makes_the_same_bytes(made: Path, tmp_path: Path) -> None:
+    rng = random.Random(3)
+    for _ in range(4):
+        process = subprocess.Popen(
+            command(tmp_path, "--workers", "2"), cwd=ROOT, stderr=subprocess.DEVNULL, start_new_session=True
+        )
+        time.sleep(rng.uniform(2.0, 6.0))
+        if process.poll() is None:
+            os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
+    run(tmp_path, "--workers", "2")
+    assert_same(tmp_path, made)
+
+
+def test_a_rerun_makes_nothing_and_a_harmed_shard_is_made_again(made: Path) -> None:
+    before = folder_content(made)
+    said = run(made)
+    assert said.count(" 0 made,") == len(STAGES)
+    shard = made / "explore" / "part-00001.parquet"
+    shard.write_bytes(shard.read_bytes()[:-100])
+    verify = [sys.executable, "-m", "pipeline.cli", "verify", str(made)]
+    found = subprocess.run(verify, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert found.returncode == 1
+    assert found.stdout.count("\n") == 1
+    assert "part-00001.parquet" in found.stdout
+    assert "explore: making part-00001.parquet again" in run(made)
+    assert folder_content(made) == before
+
+
+def test_a_parameter_of_explore_leaves_what_is_above_it_alone(made: Path) -> None:
+    said = run(made, "--set", "explore.episode.max_events=2")
+    floorplans, meshes, explore, pack = (line for line in said.splitlines() if " made, " in line)
+    assert " 0 made," in floorplans
+    assert " 0 made," in meshes
+    assert " 0 kept," in explore
+    assert pack.startswith("pack: ")
+    assert "explore.episode.max_events changed 3 -> 2" in said
+    run(made)
+
+
+def test_seeds_0_and_1_differ_in_everything_that_is_drawn(made: Path, tmp_path: Path) -> None:
+    run(tmp_path, "--seed", "1")
+    rows = [
+        list(StageReader(str(data / "explore")).rows(columns=["seed", "T_w_m0"])) for data in (made, tmp_path)
+    ]
+    assert all(row["seed"] == seed for seed in (0, 1) for row in rows[seed])
+    starts = [{tuple(row["T_w_m0"]) for row in found} for found in rows]
+    assert not starts[0] & starts[1]
