@@ -1,0 +1,32 @@
+"""What the benchmarks run on: the default preset's settings and the shipped plans."""
+
+from __future__ import annotations
+
+import json
+from functools import cache
+from pathlib import Path
+
+from pipeline.config import Config, load_config
+from pipeline.floorplan.houseexpo import parse_floorplan
+from pipeline.floorplan.records import Floorplan, Solid
+from pipeline.floorplan.validate import validated
+from pipeline.floorplan.walls import wall_boxes
+
+ROOT = Path(__file__).parents[1]
+
+
+@cache
+def default_config() -> Config:
+    return load_config(ROOT / "stages.yaml", preset="default")
+
+
+@cache
+def shipped_plans() -> tuple[Floorplan, ...]:
+    files = sorted((ROOT / "floorplans").glob("*.json"))
+    return tuple(validated(parse_floorplan(json.loads(f.read_text()), source=f.name)) for f in files)
+
+
+@cache
+def walls_of(plan_id: str) -> tuple[Solid, ...]:
+    plan = next(plan for plan in shipped_plans() if plan.plan_id == plan_id)
+    return wall_boxes(plan, height_m=default_config().meshes.wall_height_m)
