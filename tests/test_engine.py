@@ -123,6 +123,15 @@ def test_shards_that_only_moved_on_are_renamed(
     assert toy_content(tmp_path / "moved") == toy_content(tmp_path / "fresh")
 
 
+def test_two_shards_of_equal_inputs_are_both_made(tmp_path: Path):
+    (task,) = toy_tasks(["a", "b"])
+    twin = Task(name=part_name(1), inputs=task.inputs, make=task.make)
+    assert "1 made, 0 kept" in build(tmp_path, [task])
+    assert "1 made, 1 kept" in build(tmp_path, [task, twin])
+    assert "0 made, 2 kept" in build(tmp_path, [task, twin])
+    assert verify(str(tmp_path / STAGE)) == []
+
+
 @pytest.mark.parametrize("harm", ["truncated", "altered"])
 def test_a_harmed_shard_is_made_again_and_why(tmp_path: Path, undisturbed, harm: str):
     build(tmp_path, toy_tasks(item_names(12)))
@@ -137,7 +146,7 @@ def test_a_harmed_shard_is_made_again_and_why(tmp_path: Path, undisturbed, harm:
 
 
 def test_files_beside_the_shards_are_made_from_all_records_in_order(tmp_path: Path):
-    tasks = toy_tasks(item_names(6))
+    tasks = toy_tasks(item_names(12))
     run = run_of(str(tmp_path), workers=2, engine=Engine.LOCAL)
     run.build(
         STAGE,
@@ -256,6 +265,9 @@ def test_a_crash_at_any_step_of_writing_is_made_good_by_a_rerun(tmp_path: Path):
         if process.exitcode == 0:
             break
         assert process.exitcode == 9
+        if (data / STAGE / "manifest.json").exists():
+            faults = verify(str(data / STAGE))
+            assert all("not listed" in fault for fault in faults), f"at step {at}: {faults}"
         build(data, toy_tasks(after, per_shard=1))
         assert toy_content(data) == expected, f"after a crash at step {at}"
     assert at > 40

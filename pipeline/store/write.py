@@ -114,13 +114,20 @@ class StageWriter:
     def finished(self, name: str, inputs: Inputs) -> ShardRecord | None:
         """The shard of these inputs, if it was made before; one with another number is renamed."""
         self._claimed.add(name)
-        old_name = self._by_fingerprint.get(inputs.fingerprint(), name)
-        record = read_record(self.disk, old_name)
+        record = self._sound_record(name, inputs)
+        if record is not None:
+            return record
+        other_name = self._by_fingerprint.get(inputs.fingerprint(), name)
+        if other_name in self._claimed:
+            return None
+        record = self._sound_record(other_name, inputs)
+        return None if record is None else self._renamed(record, name)
+
+    def _sound_record(self, name: str, inputs: Inputs) -> ShardRecord | None:
+        record = read_record(self.disk, name)
         if record is None or record.inputs.fingerprint() != inputs.fingerprint() or self._damage(record):
             return None
-        if record.name == name:
-            return record
-        return None if record.name in self._claimed else self._renamed(record, name)
+        return record
 
     def reason_to_make(self, name: str, inputs: Inputs) -> str:
         """Why a shard that is not finished has to be made, in words."""

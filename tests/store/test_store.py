@@ -199,6 +199,14 @@ def test_the_reason_to_make_a_shard_again_is_told_in_words(finished, inputs: Inp
         assert writer.reason_to_make("part-00001.parquet", inputs) == reason
 
 
+@pytest.mark.parametrize(("inputs", "kept"), [(inputs_of("new"), True), (inputs_of("a", "b", x=1), False)])
+def test_only_a_shard_that_may_come_back_is_set_aside(finished, inputs: Inputs, kept: bool):
+    writer = StageWriter(finished[0], "toy", LAYOUT)
+    with writer.locked():
+        writer.make_room("part-00000.parquet", inputs)
+    assert any("aside-" in name for name in Disk(finished[0]).names()) == kept
+
+
 def test_nested_parameters_are_told_by_their_own_keys():
     def inputs(size_m: tuple[float, float]) -> Inputs:
         return inputs_of("c", robot={"name": "burger", "size_m": size_m})
