@@ -16,7 +16,7 @@ from pipeline.geometry.se2 import SE2, Array
 from pipeline.simulation.drive import TICK_S, Encoder, OdometryNoise, Physics
 from pipeline.simulation.lidar import LidarNoise, RayScene, beam_bearings, cast_rays, noisy_ranges
 from pipeline.simulation.robot import RobotSpec
-from pipeline.simulation.world import Drive, scene_mjcf
+from pipeline.simulation.world import Drive
 from pipeline.slam.slam import SlamParameters
 
 
@@ -152,7 +152,8 @@ class _Robot:
         T_w_l = _poses_along(np.array(self.knots_w), lidar.beams, lidar.x_m)
         circle = other.spec.circle_at(lidar.z_m)
         others_m = None
-        if circle is not None:
+        apart_m = math.dist(self.knots_w[-1][:2], other.knots_w[-1][:2])
+        if circle is not None and apart_m < lidar.range_max_m + 1.0:
             others_m = _poses_along(np.array(other.knots_w), lidar.beams, circle[0])
             others_m[:, 2] = circle[1]
         ranges_m = cast_rays(
@@ -188,9 +189,9 @@ class _Run:
         self._p = parameters
         self._surroundings = surroundings
         self._physics = Physics(
-            scene_mjcf(surroundings.solids, robots, starts, drive=parameters.drive),
+            surroundings.solids,
             robots,
-            np.array([start.as_array() for start in starts]),
+            starts,
             drive=parameters.drive,
             planar_slip=parameters.odometry_noise.planar_slip,
             rng=physics_rng,

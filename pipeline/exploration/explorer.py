@@ -63,6 +63,21 @@ _FORESIGHT_S = (0.2, 0.4, 0.6, 0.8)
 
 
 @nb.njit(cache=True)
+def _pursued(path_m: Array, pose: Array, lookahead_m: float) -> tuple[int, int]:
+    """Indices of the point of the path (N, 2) nearest to the robot, and of the one to steer for."""
+    nearest, best2 = 0, np.inf
+    for i in range(path_m.shape[0]):
+        d2 = (path_m[i, 0] - pose[0]) ** 2 + (path_m[i, 1] - pose[1]) ** 2
+        if d2 < best2:
+            nearest, best2 = i, d2
+    for i in range(nearest, path_m.shape[0]):
+        d2 = (path_m[i, 0] - pose[0]) ** 2 + (path_m[i, 1] - pose[1]) ** 2
+        if d2 > lookahead_m * lookahead_m:
+            return nearest, i
+    return nearest, path_m.shape[0] - 1
+
+
+@nb.njit(cache=True)
 def _keeps_clear(points_m: Array, scan_r: Array, speed: float, turn: float, clear_m: float) -> bool:
     """Whether r, driving on with this twist, comes no nearer than `clear_m` to points it is approaching.
 
@@ -183,13 +198,10 @@ class Explorer:
     def _follow(self, pose: Array) -> tuple[float, float]:
         """Pure pursuit of the path, turning on the spot for large errors."""
         p = self._p
-        offset_m = self._path_m - pose[:2]
-        distance_m = np.hypot(offset_m[:, 0], offset_m[:, 1])
-        nearest = int(np.argmin(distance_m))
-        beyond = np.flatnonzero(distance_m[nearest:] > p.lookahead_m)
-        target = nearest + int(beyond[0]) if beyond.size else len(self._path_m) - 1
+        nearest, target = _pursued(self._path_m, pose, p.lookahead_m)
+        to_x, to_y = self._path_m[target] - pose[:2]
         self._path_m = self._path_m[nearest:]
-        error = math.remainder(math.atan2(offset_m[target, 1], offset_m[target, 0]) - pose[2], 2.0 * math.pi)
+        error = math.remainder(math.atan2(to_y, to_x) - pose[2], 2.0 * math.pi)
         turn = max(-p.turn_limit_radps, min(p.turn_limit_radps, p.turn_gain * error))
         if abs(error) > p.turn_first_rad:
             return 0.0, turn

@@ -23,6 +23,9 @@ class Drive(StrEnum):
     PLANAR = "planar"
 
 
+SLOT_Z_M = -100.0
+"""Where slots wait, out of everybody's reach."""
+
 TIMESTEP_S = {Drive.WHEELS: 0.005, Drive.PLANAR: 0.010}
 
 _RGBA = {"wall": "0.85 0.83 0.78 1"}
@@ -30,7 +33,8 @@ _FURNITURE_RGBA = "0.55 0.42 0.30 1"
 _ROBOT_RGBA = ("0.10 0.35 0.75 1", "0.80 0.20 0.15 1")
 
 # Geoms collide when one's contype meets the other's conaffinity. Wheels and caster meet the floor only, the
-# body everything else, and it carries fenders for the wheels: one body per robot to search the walls for.
+# shell everything else, and it has fenders for the wheels. Bodies are told apart first: with the walls in a
+# body of their own, only a shell ever searches them.
 _SCENE_MASK = 'contype="1" conaffinity="2"'
 _FLOOR_MASK = 'contype="4" conaffinity="4"'
 _BODY_MASK = 'contype="2" conaffinity="3"'
@@ -43,6 +47,7 @@ def scene_mjcf(
     starts: Sequence[SE2],
     *,
     drive: Drive = Drive.WHEELS,
+    slots: int = 0,
 ) -> str:
     """A standalone MJCF of the scene with the robots in it.
 
@@ -51,8 +56,12 @@ def scene_mjcf(
         robots: one spec per robot; bodies are named `r0`, `r1`, ...
         starts: pose of each robot in w.
         drive: how the robots move.
+        slots: geoms `slot0`, `slot1`, ... far below the floor, for solids to be filled in later.
     """
-    geoms = "\n".join(_solid_geom(solid) for solid in solids)
+    geoms = "\n".join(
+        [_solid_geom(solid) for solid in solids]
+        + [f'    <geom name="slot{i}" type="box" size="1 1 1" pos="0 0 {SLOT_Z_M}"/>' for i in range(slots)]
+    )
     bodies = "\n".join(
         _robot_body(f"r{i}", spec, T_w_r, _ROBOT_RGBA[i % 2], drive)
         for i, (spec, T_w_r) in enumerate(zip(robots, starts, strict=True))
@@ -61,7 +70,7 @@ def scene_mjcf(
     return f"""<mujoco model="rendezvous">
   <compiler angle="radian" autolimits="true"/>
   <option timestep="{TIMESTEP_S[drive]}" integrator="implicitfast" cone="elliptic" iterations="20"/>
-  <size memory="8M"/>
+  <size memory="16M"/>
   <visual><headlight ambient="0.4 0.4 0.4" diffuse="0.5 0.5 0.5"/></visual>
   <default>
     <geom {_SCENE_MASK} friction="0.9 0.005 0.0001"/>
@@ -69,7 +78,9 @@ def scene_mjcf(
   <worldbody>
     <light pos="0 0 4" dir="0.2 0.1 -1" directional="true"/>
     <geom name="floor" type="plane" size="0 0 1" rgba="0.75 0.72 0.68 1" {_FLOOR_MASK}/>
+    <body name="scene">
 {geoms}
+    </body>
 {bodies}
   </worldbody>
   <actuator>
@@ -103,21 +114,19 @@ def _robot_body(name: str, spec: RobotSpec, T_w_r: SE2, rgba: str, drive: Drive)
     moving = _wheels(name, spec) if drive is Drive.WHEELS else ""
     joints = f'<freejoint name="{name}"/>' if drive is Drive.WHEELS else _planar_joints(name)
     chassis = spec.chassis
-    half_m = 0.5 * (chassis.top_z_m - chassis.bottom_z_m)
+    height_m = chassis.top_z_m - chassis.bottom_z_m
     lidar_half_m = 0.5 * (spec.size_m[2] - chassis.top_z_m)
     body_mass_kg = spec.mass_kg - 2 * spec.wheels.mass_kg
     camera = spec.camera
     return f"""    <body name={quoteattr(name)} {pose}>
       {joints}
       <inertial pos="{0.6 * chassis.centre_x_m:.6g} 0 {0.45 * chassis.top_z_m:.6g}" mass="{body_mass_kg:.6g}"
-        diaginertia="{_cylinder_inertia(body_mass_kg, chassis.radius_m, 2 * half_m)}"/>
-      <geom type="cylinder" size="{chassis.radius_m} {half_m:.6g}" rgba="{rgba}" {_BODY_MASK} friction="0.3"
-        pos="{chassis.centre_x_m} 0 {chassis.bottom_z_m + half_m:.6g}"/>
+        diaginertia="{_cylinder_inertia(body_mass_kg, chassis.radius_m, height_m)}"/>
       <geom type="cylinder" size="{spec.lidar.cap_radius_m} {lidar_half_m:.6g}" rgba="0.1 0.1 0.1 1"
         contype="0" conaffinity="0" pos="{spec.lidar.x_m} 0 {chassis.top_z_m + lidar_half_m:.6g}"/>
       <camera name="{name}_camera" pos="{" ".join(map(str, camera.xyz_m))}" xyaxes="0 -1 0 0 0 1"
         fovy="{2 * math.atan(0.5 * camera.height_px / camera.fy_px):.6g}"/>
-{_fenders(spec)}{moving}    </body>"""
+{_shell(name, spec, rgba)}{moving}    </body>"""
 
 
 def _cylinder_inertia(mass_kg: float, radius_m: float, height_m: float) -> str:
@@ -125,13 +134,21 @@ def _cylinder_inertia(mass_kg: float, radius_m: float, height_m: float) -> str:
     return f"{across:.6g} {across:.6g} {0.5 * mass_kg * radius_m**2:.6g}"
 
 
-def _fenders(spec: RobotSpec) -> str:
-    wheels = spec.wheels
-    return "".join(
-        f'      <geom type="box" size="{wheels.radius_m} {0.5 * wheels.width_m} {0.5 * wheels.radius_m}" '
-        f'pos="0 {sign * 0.5 * wheels.track_m:.6g} {1.5 * wheels.radius_m:.6g}" {_BODY_MASK} friction="0.3" '
-        f'rgba="0 0 0 0"/>\n'
+def _shell(name: str, spec: RobotSpec, rgba: str) -> str:
+    """What bumps into things, as a body of its own: the chassis, and fenders for the wheels."""
+    chassis, wheels = spec.chassis, spec.wheels
+    half_m = 0.5 * (chassis.top_z_m - chassis.bottom_z_m)
+    fenders = "".join(
+        f'        <geom type="box" size="{wheels.radius_m} {0.5 * wheels.width_m} {0.5 * wheels.radius_m}" '
+        f'pos="0 {sign * 0.5 * wheels.track_m:.6g} {1.5 * wheels.radius_m:.6g}" mass="0" friction="0.3" '
+        f'{_BODY_MASK} rgba="0 0 0 0"/>\n'
         for sign in (1.0, -1.0)
+    )
+    return (
+        f'      <body name="{name}_shell">\n'
+        f'        <geom type="cylinder" size="{chassis.radius_m} {half_m:.6g}" rgba="{rgba}" mass="0" '
+        f'friction="0.3" {_BODY_MASK} pos="{chassis.centre_x_m} 0 {chassis.bottom_z_m + half_m:.6g}"/>\n'
+        f"{fenders}      </body>\n"
     )
 
 

@@ -194,6 +194,8 @@ def test_without_noise_slam_is_better_than_a_centimetre(
 ) -> None:
     quiet = replace(
         SHORT,
+        max_time_s=240.0,
+        max_events=1,
         lidar_noise=replace(SHORT.lidar_noise, sigma_m=0.0, sigma_ratio=0.0, dropout=0.0),
         odometry_noise=replace(SHORT.odometry_noise, scale_sigma=0.0, jitter_rad=0.0),
     )

@@ -9,9 +9,10 @@ from pytest import approx
 from pipeline.floorplan.records import Solid
 from pipeline.geometry.se2 import SE2, Array
 from pipeline.simulation.drive import TICK_S, Encoder, OdometryNoise, Physics
+from pipeline.simulation.nearby import Nearby
 from pipeline.simulation.world import Drive, scene_mjcf
 from pipeline.slam.odometry import WheelOdometry
-from tests.simulation.scenes import burger, wall
+from tests.simulation.scenes import burger, pole, wall
 
 
 def physics(
@@ -19,15 +20,17 @@ def physics(
     solids: Sequence[Solid] = (),
     drive: Drive = Drive.WHEELS,
     planar_slip: float = 0.0,
+    all_solids: bool = False,
 ) -> Physics:
     specs = [burger() for _ in starts]
     return Physics(
-        scene_mjcf(solids, specs, starts, drive=drive),
+        solids,
         specs,
-        np.array([start.as_array() for start in starts]),
+        starts,
         drive=drive,
         planar_slip=planar_slip,
         rng=np.random.default_rng(0),
+        all_solids=all_solids,
     )
 
 
@@ -117,3 +120,38 @@ def test_the_same_commands_give_the_same_bits() -> None:
     first = driven(physics(SE2(1.0, 2.0, 0.5)), (0.15, 0.7), 5.0)
     second = driven(physics(SE2(1.0, 2.0, 0.5)), (0.15, 0.7), 5.0)
     np.testing.assert_array_equal(first, second)
+
+
+def test_having_only_near_solids_in_the_scene_changes_nothing() -> None:
+    """Two robots drive figures among walls, bump into them and into each other."""
+    solids = [wall(-1.2, -1.2, 1.2, -1.2), wall(1.2, -1.2, 1.2, 1.2), pole(-0.7, 0.4, 0.05)]
+    solids += [pole(5.0 + 0.3 * k, 5.0, 0.05) for k in range(30)]
+    starts = (SE2(0.0, 0.0, 0.2), SE2(0.6, 0.5, 3.0))
+    lazy = physics(*starts, solids=solids)
+    thorough = physics(*starts, solids=solids, all_solids=True)
+    bumps = 0
+    for k in range(1200):
+        twists = [(0.2, 0.9 * math.sin(0.013 * k)), (0.2, 0.9 * math.cos(0.011 * k))]
+        lazy.step(twists)
+        thorough.step(twists)
+        np.testing.assert_allclose(lazy.poses_w(), thorough.poses_w(), atol=1e-9)
+        bumps += lazy._data.ncon > 6
+    assert lazy._model.ngeom < thorough._model.ngeom - 20
+    assert 50 < bumps < 1150
+
+
+def test_no_solid_within_reach_is_left_out() -> None:
+    rng = np.random.default_rng(0)
+    solids = [wall(*rng.uniform(-3.0, 3.0, 4)) for _ in range(20)] + [
+        pole(*rng.uniform(-3.0, 3.0, 2), 0.1) for _ in range(20)
+    ]
+    nearby = Nearby(solids, reach_m=0.3)
+    for point in rng.uniform(-3.0, 3.0, (200, 2)):
+        near = nearby.solids_at(point[None])
+        assert list(near) == sorted(near)
+        assert len(near) <= nearby.most
+        for index, solid in enumerate(solids):
+            outside_m = abs(solid.T_w_s().inverse() @ point) - [solid.half_x_m, solid.half_y_m]
+            distance_m = np.hypot(*np.maximum(outside_m, 0.0))
+            assert index in near or distance_m > 0.3
+            assert index not in near or distance_m < 0.3 + 2 * math.sqrt(0.5) * 0.25 + 1e-9
