@@ -32,7 +32,7 @@ def rendezvous(*arguments: str, **options) -> subprocess.CompletedProcess:
 
 def generate(data: Path, *, count: int = 4, more: tuple[str, ...] = ()) -> tuple[str, ...]:
     """Arguments that generate plans, one per shard."""
-    sets = (f"generate.count={count}", "plans_per_shard=1", "generate.plans.rooms=[3, 5]")
+    sets = ("sources=[]", f"generate.count={count}", "plans_per_shard=1", "generate.plans.rooms=[3, 5]")
     overrides = [word for item in sets for word in ("--set", f"floorplans.{item}")]
     return ("floorplans", "--preset", "smoke", "--data", str(data), *overrides, *more)
 

@@ -20,7 +20,12 @@ from pipeline.stages.floorplans import floorplans
 from pipeline.stages.meshes import meshes
 from tests.conftest import ROOT, MakeRun
 
-SMALL = ["floorplans.generate.count=4", "floorplans.generate.plans.rooms=[3, 6]"]
+SMALL = [
+    "floorplans.sources=[]",
+    "floorplans.generate.count=4",
+    "floorplans.generate.plans.rooms=[3, 6]",
+    "floorplans.plans_per_shard=2",
+]
 
 
 @pytest.fixture
@@ -73,7 +78,7 @@ def test_a_wall_height_rebuilds_and_says_so(run: Run, make_run: MakeRun):
 
 
 def test_only_plans_that_changed_are_raised_again(run: Run, make_run: MakeRun):
-    more = make_run(["floorplans.generate.count=6", *SMALL[1:]])
+    more = make_run([*SMALL, "floorplans.generate.count=6"])
     floorplans(more)
     meshes(more)
     assert "1 made, 2 kept" in said(more).rpartition("meshes:")[2]
