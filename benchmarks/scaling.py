@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import argparse
+import shutil
 import statistics
 import subprocess
 import sys
 import tempfile
 import time
+from pathlib import Path
 from typing import Any
 
 from benchmarks.scene import ROOT
 
-REPEATS = 3
-_SETTINGS = ["--set", "floorplans.generate.count=0", "--set", "explore.episodes_per_plan=2"]
+REPEATS = 2
+_SETTINGS = ["--set", "floorplans.generate.count=0", "--set", "explore.episodes_per_plan=4"]
 
 
 def measure(options: argparse.Namespace) -> dict[str, Any]:
@@ -22,10 +24,11 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
         for stage in ("floorplans", "meshes"):
             _stage(stage, data, 1)
         times_s: dict[int, list[float]] = {1: [], 2: []}
-        for repeat in range(REPEATS):
+        for _ in range(REPEATS):
             for workers in (1, 2):
+                shutil.rmtree(Path(data, "explore"), ignore_errors=True)
                 started_s = time.perf_counter()
-                _stage("explore", data, workers, f"--seed={repeat}")
+                _stage("explore", data, workers)
                 times_s[workers].append(time.perf_counter() - started_s)
     ratios = [one / two for one, two in zip(times_s[1], times_s[2], strict=True)]
     return {
@@ -36,6 +39,6 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
     }
 
 
-def _stage(stage: str, data: str, workers: int, *options: str) -> None:
+def _stage(stage: str, data: str, workers: int) -> None:
     command = [sys.executable, "-m", "pipeline.cli", stage, "--data", data, "--workers", str(workers)]
-    subprocess.run([*command, *_SETTINGS, *options], cwd=ROOT, check=True, stderr=subprocess.DEVNULL)
+    subprocess.run([*command, *_SETTINGS], cwd=ROOT, check=True, stderr=subprocess.DEVNULL)

@@ -96,10 +96,11 @@ class Event:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Episode:
-    """What became of an episode."""
+    """What became of an episode: its meetings, how long it was, and both robots at its end."""
 
     events: tuple[Event, ...]
     simulated_s: float
+    last: tuple[Snapshot, Snapshot]
 
 
 def run_episode(
@@ -223,7 +224,12 @@ class _Run:
                 self._sweep()
             if self._sweeps:
                 twists = [robot.explorer.twist() for robot in self._robots]
-        return Episode(events=tuple(self._events), simulated_s=self._physics.time_s)
+        first, second = self._robots
+        return Episode(
+            events=tuple(self._events),
+            simulated_s=self._physics.time_s,
+            last=(first.snapshot(), second.snapshot()),
+        )
 
     def _sweep(self) -> None:
         """Both lidars end their turn; paths are recorded; then who sees whom."""

@@ -26,6 +26,7 @@ def draw_starts(
     scene: RayScene,
     *,
     clearance_m: float,
+    passage_m: float,
     least_distance_m: float,
     rng: np.random.Generator,
 ) -> tuple[SE2, SE2]:
@@ -36,14 +37,15 @@ def draw_starts(
         regions: its rooms.
         solids: what of its furniture a robot can run into.
         scene: walls and furniture as the lidar sees them.
-        clearance_m: distance kept from all of them.
+        clearance_m: distance that the starts keep from all of them.
+        passage_m: distance that a robot keeps on its way; the starts can reach each other with it.
         least_distance_m: between the starts.
         rng: draws two rooms without replacement, then places uniformly in them, headings uniformly.
 
     Raises:
         FloorplanError: no such pair was found.
     """
-    space, corner_m = _open_space(floorplan, solids, clearance_m)
+    space, corner_m = _open_space(floorplan, solids, clearance_m, passage_m)
     rooms = [_points_in(space, corner_m, region) for region in regions]
     rooms = [points for points in rooms if len(points)]
     if len(rooms) >= 2:
@@ -61,9 +63,9 @@ def draw_starts(
 
 
 def _open_space(
-    floorplan: Floorplan, solids: Sequence[Solid], clearance_m: float
+    floorplan: Floorplan, solids: Sequence[Solid], clearance_m: float, passage_m: float
 ) -> tuple[NDArray[np.bool_], Array]:
-    """(H, W) bool: cells in the largest piece of the space that keeps the clearance; and the corner [m]."""
+    """(H, W) bool: cells that keep the clearance in the largest piece of what is passable; and the corner."""
     low_m = floorplan.outline_m.min(axis=0) - 2 * _CELL_M
     high_m = floorplan.outline_m.max(axis=0) + 2 * _CELL_M
     width, height = (math.ceil(n) for n in (high_m - low_m) / _CELL_M)
@@ -80,12 +82,13 @@ def _open_space(
             cv2.circle(image, centre.tolist(), math.ceil(solid.half_x_m / _CELL_M), 0, -1)
         else:
             cv2.fillPoly(image, [_pixels(solid.corners_m(), low_m)], 0)
-    clear = cv2.distanceTransform(image, cv2.DIST_L2, 5) * _CELL_M > clearance_m
-    _, labels, stats, _ = cv2.connectedComponentsWithStats(clear.astype(np.uint8), connectivity=4)
+    away_m = cv2.distanceTransform(image, cv2.DIST_L2, 5) * _CELL_M
+    passable = (away_m > passage_m).astype(np.uint8)
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(passable, connectivity=4)
     if len(stats) < 2:
-        return np.zeros_like(clear), low_m
+        return np.zeros(image.shape, np.bool_), low_m
     largest = 1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA]))
-    return labels == largest, low_m
+    return (labels == largest) & (away_m > clearance_m), low_m
 
 
 def _pixels(p_m: Array, corner_m: Array) -> NDArray[np.int32]:

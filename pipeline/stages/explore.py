@@ -104,6 +104,7 @@ def _run(
         in_the_way(furniture, robot),
         surroundings.lidar_scene,
         clearance_m=section.start_clearance_m,
+        passage_m=section.episode.explorer.hard_clearance_m,
         least_distance_m=section.start_distance_m,
         rng=stream(seed, *key, "starts"),
     )

@@ -78,6 +78,7 @@ def _raised(plan: Floorplan, section: MeshesSection, robot: RobotSpec, seed: int
         furniture,
         ray_scene(*lidar_outline(plan, furniture, height_m=robot.lidar.z_m)),
         clearance_m=robot.radius_m,
+        passage_m=robot.radius_m,
         least_distance_m=2.0 * robot.radius_m,
         rng=rng,
     )

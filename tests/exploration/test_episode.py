@@ -18,7 +18,7 @@ from pipeline.floorplan.generate import GeneratorParameters, generate_floorplan
 from pipeline.floorplan.records import Floorplan, Solid
 from pipeline.floorplan.validate import start_regions
 from pipeline.floorplan.walls import wall_boxes
-from pipeline.geometry.se2 import SE2
+from pipeline.geometry.se2 import SE2, wrap_angle
 from pipeline.seeds import stream
 from pipeline.simulation.lidar import cast_rays
 from pipeline.simulation.world import Drive
@@ -50,6 +50,7 @@ def starts(plan: Floorplan, furniture: tuple[Solid, ...], surroundings: Surround
         furniture,
         surroundings.lidar_scene,
         clearance_m=0.22,
+        passage_m=0.15,
         least_distance_m=2.0,
         rng=stream(0, "starts"),
     )
@@ -74,6 +75,7 @@ def test_starts_are_apart_out_of_sight_and_clear_of_everything(
             furniture,
             surroundings.lidar_scene,
             clearance_m=0.22,
+            passage_m=0.15,
             least_distance_m=2.0,
             rng=stream(k, "starts"),
         )
@@ -189,19 +191,15 @@ def test_planar_drive_meets_and_maps_as_well(surroundings: Surroundings, starts:
             assert math.dist(true_m_r.as_array()[:2], snapshot.T_m_r.as_array()[:2]) < 0.1
 
 
-def test_without_noise_slam_is_better_than_a_centimetre(
+def test_without_noise_slam_is_good_to_three_centimetres(
     surroundings: Surroundings, starts: tuple[SE2, SE2]
 ) -> None:
     quiet = replace(
         SHORT,
-        max_time_s=240.0,
-        max_events=1,
         lidar_noise=replace(SHORT.lidar_noise, sigma_m=0.0, sigma_ratio=0.0, dropout=0.0),
         odometry_noise=replace(SHORT.odometry_noise, scale_sigma=0.0, jitter_rad=0.0),
     )
-    found = run(surroundings, starts, quiet)
-    assert found.events
-    for event in found.events:
-        for i, snapshot in enumerate(event.snapshots):
-            true_m_r = starts[i].inverse() @ snapshot.T_w_r
-            assert math.dist(true_m_r.as_array()[:2], snapshot.T_m_r.as_array()[:2]) < 0.015
+    for i, snapshot in enumerate(run(surroundings, starts, quiet).last):
+        true_m_r = starts[i].inverse() @ snapshot.T_w_r
+        assert math.dist(true_m_r.as_array()[:2], snapshot.T_m_r.as_array()[:2]) < 0.03
+        assert abs(wrap_angle(true_m_r.yaw_rad - snapshot.T_m_r.yaw_rad)) < math.radians(0.3)
