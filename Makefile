@@ -11,7 +11,7 @@ RENDEZVOUS := $(VENV)/bin/rendezvous
 OPTIONS = --preset $(PRESET) --data $(DATA) $(if $(WORKERS),--workers $(WORKERS)) $(foreach item,$(SET),--set $(item))
 
 .DEFAULT_GOAL := help
-.PHONY: help setup dataset inspect test test-fast check bench clean
+.PHONY: help setup dataset inspect test test-fast check bench golden docs clean
 
 help:  ## print this
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -40,6 +40,12 @@ check: $(READY)  ## format, lint, types, import contracts
 
 bench: $(READY)  ## speed of the episode loop and of its parts, as JSON
 	@$(VENV)/bin/python -m benchmarks
+
+golden: $(READY)  ## take on a wanted change: write tests/golden.json anew
+	$(VENV)/bin/python -m tests.golden
+
+docs: $(READY)  ## write the generated tables of README.md anew
+	$(VENV)/bin/python -m pipeline.documentation
 
 clean:  ## remove .venv and caches; data stays
 	rm -rf $(VENV) build *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache
