@@ -19,7 +19,8 @@ from pipeline.floorplan.walls import lidar_outline
 from pipeline.geometry.se2 import SE2, Array
 from pipeline.robot_file import load_robot
 from pipeline.seeds import stream
-from pipeline.simulation.lidar import beam_bearings, cast_rays, ray_scene
+from pipeline.simulation.lidar import beam_bearings
+from pipeline.simulation.rays import cast_rays, ray_scene
 from pipeline.simulation.world import scene_mjcf
 
 REPEATS = 15

@@ -14,7 +14,8 @@ from pipeline.exploration.surroundings import Surroundings
 from pipeline.geometry.occupancy_grid import OccupancyGrid
 from pipeline.geometry.se2 import SE2, Array
 from pipeline.simulation.drive import TICK_S, Encoder, OdometryNoise, Physics
-from pipeline.simulation.lidar import LidarNoise, RayScene, beam_bearings, cast_rays, noisy_ranges
+from pipeline.simulation.lidar import LidarNoise, beam_bearings, noisy_ranges
+from pipeline.simulation.rays import RayScene, cast_rays
 from pipeline.simulation.robot import RobotSpec
 from pipeline.simulation.world import Drive
 from pipeline.slam.slam import SlamParameters

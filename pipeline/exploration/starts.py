@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pipeline.errors import FloorplanError
 from pipeline.floorplan.records import Floorplan, Shape, Solid
 from pipeline.geometry.se2 import SE2, Array
-from pipeline.simulation.lidar import RayScene, cast_rays
+from pipeline.simulation.rays import RayScene, cast_rays
 
 _CELL_M = 0.05
 _TRIES = 200

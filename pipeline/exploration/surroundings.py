@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pipeline.exploration.rendezvous import SightObstacles
 from pipeline.floorplan.records import Floorplan, Solid
 from pipeline.floorplan.walls import lidar_outline, sight_obstacles
-from pipeline.simulation.lidar import RayScene, ray_scene
+from pipeline.simulation.rays import RayScene, ray_scene
 from pipeline.simulation.robot import RobotSpec
 
 

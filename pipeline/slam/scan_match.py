@@ -1,9 +1,4 @@
-"""Scan matching: point-to-line registration of a scan against a map of surface elements.
-
-The map keeps, per cell, the mean and normal of the surface points seen there, apart for the two faces of a
-wall: a point is matched only with a surface seen from its own side, or a 0.1 m wall would let a scan lock
-on to its far face. Averaging over many scans makes the surface finer than the lidar's noise.
-"""
+"""Scan matching: point-to-line registration of a scan against a map of surface elements."""
 
 from __future__ import annotations
 
@@ -15,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.geometry.se2 import Array
+from pipeline.slam.surface_map import NX, NY, WEIGHT, SurfaceMap, X, Y, nearest
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -47,9 +43,6 @@ class MatchParameters:
 
 # Points look for their surface in the first steps only; by then the scan has nearly settled.
 _ASSOCIATIONS = 3
-
-# Columns of an element: mean x and y, unit normal, weight, and the length of the mean of its normals.
-_X, _Y, _NX, _NY, _WEIGHT, _LENGTH = range(6)
 
 
 @nb.njit(cache=True)
@@ -99,89 +92,37 @@ def scan_normals(points_m: Array, origins_m: Array, valid: NDArray[np.bool_], ra
     return normals
 
 
-@nb.njit(cache=True)
-def _insert(
+def match_scan(
+    surface: SurfaceMap,
     points_m: Array,
     normals: Array,
     sigma_m: Array,
-    pose: Array,
-    index: NDArray[np.int32],
-    after: NDArray[np.int32],
-    elements: Array,
-    count: int,
-    cell_m: float,
-    same_side: float,
-    max_weight: float,
-) -> int:
-    """Average the scan's points into their cells' elements; the number of elements after it."""
-    c, s = math.cos(pose[2]), math.sin(pose[2])
-    half = index.shape[0] // 2
-    for i in range(points_m.shape[0]):
-        if normals[i, 0] == 0.0 and normals[i, 1] == 0.0:
-            continue
-        x = pose[0] + c * points_m[i, 0] - s * points_m[i, 1]
-        y = pose[1] + s * points_m[i, 0] + c * points_m[i, 1]
-        nx = c * normals[i, 0] - s * normals[i, 1]
-        ny = s * normals[i, 0] + c * normals[i, 1]
-        row, col = math.floor(y / cell_m) + half, math.floor(x / cell_m) + half
-        if not (0 <= row < index.shape[0] and 0 <= col < index.shape[1]):
-            continue
-        k = index[row, col]
-        while k >= 0:
-            e = elements[k]
-            if e[_NX] * nx + e[_NY] * ny > same_side:
-                break
-            k = after[k]
-        if k < 0:
-            if count == elements.shape[0]:
-                return -1
-            k = count
-            count += 1
-            after[k] = index[row, col]
-            index[row, col] = k
-        e = elements[k]
-        # A weight of 1 is one point at a sigma of 1 cm.
-        w = (0.01 / sigma_m[i]) ** 2
-        if e[_WEIGHT] < max_weight:
-            share = w / (e[_WEIGHT] + w)
-            e[_X] += share * (x - e[_X])
-            e[_Y] += share * (y - e[_Y])
-            mean_x = (1.0 - share) * e[_LENGTH] * e[_NX] + share * nx
-            mean_y = (1.0 - share) * e[_LENGTH] * e[_NY] + share * ny
-            e[_LENGTH] = math.sqrt(mean_x * mean_x + mean_y * mean_y)
-            e[_NX], e[_NY] = mean_x / e[_LENGTH], mean_y / e[_LENGTH]
-            e[_WEIGHT] += w
-    return count
+    prior: Array,
+    *,
+    travelled: Array,
+    parameters: MatchParameters,
+) -> tuple[Array, int]:
+    """Register a scan: Gauss-Newton on Cauchy-weighted point-to-line distances plus the prior.
 
+    Args:
+        surface: what was seen before.
+        points_m, normals, sigma_m: as for `SurfaceMap.insert`.
+        prior: (3,) pose that odometry predicts.
+        travelled: (3,) motion since the last scan in the robot frame; it sets the prior's sigma.
+        parameters: settings.
 
-@nb.njit(cache=True, inline="always")
-def _nearest(
-    x: float,
-    y: float,
-    nx: float,
-    ny: float,
-    index: NDArray[np.int32],
-    after: NDArray[np.int32],
-    elements: Array,
-    cell_m: float,
-    gate_m: float,
-    same_side: float,
-) -> int:
-    """The nearest element seen from the same side, -1 for none within the gate."""
-    half = index.shape[0] // 2
-    row, col = math.floor(y / cell_m) + half, math.floor(x / cell_m) + half
-    best, best_d2 = -1, gate_m * gate_m
-    for r in range(max(row - 1, 0), min(row + 2, index.shape[0])):
-        for q in range(max(col - 1, 0), min(col + 2, index.shape[1])):
-            k = index[r, q]
-            while k >= 0:
-                e = elements[k]
-                dx, dy = e[_X] - x, e[_Y] - y
-                d2 = dx * dx + dy * dy
-                if d2 < best_d2 and e[_NX] * nx + e[_NY] * ny > same_side:
-                    best, best_d2 = k, d2
-                k = after[k]
-    return best
+    Returns:
+        (3,) pose and the number of points matched.
+    """
+    p = parameters
+    sigma_xy_m = p.prior_xy_m + p.prior_xy_per_m * math.hypot(travelled[0], travelled[1])
+    sigma_yaw = p.prior_yaw_rad + p.prior_yaw_per_rad * abs(travelled[2])
+    step = p.beam_step
+    return _match(
+        points_m[::step], normals[::step], sigma_m[::step], prior, sigma_xy_m**-2, sigma_yaw**-2,
+        surface.index, surface.after, surface.elements, surface.cell_m, p.gate_m, surface.same_side,
+        p.iterations,
+    )  # fmt: skip
 
 
 @nb.njit(cache=True)
@@ -190,135 +131,115 @@ def _match(
     normals: Array,
     sigma_m: Array,
     prior: Array,
-    prior_info: Array,
+    info_xy: float,
+    info_yaw: float,
     index: NDArray[np.int32],
     after: NDArray[np.int32],
     elements: Array,
-    step: int,
     cell_m: float,
     gate_m: float,
     same_side: float,
     iterations: int,
 ) -> tuple[Array, int]:
-    """Gauss-Newton on Cauchy-weighted point-to-line distances plus the prior; pose and matches used."""
     pose = prior.copy()
-    cp, sp = math.cos(prior[2]), math.sin(prior[2])
-    # The prior's information in map axes: its x and y are the robot's.
-    pxx = cp * cp * prior_info[0] + sp * sp * prior_info[1]
-    pxy = cp * sp * (prior_info[0] - prior_info[1])
-    pyy = sp * sp * prior_info[0] + cp * cp * prior_info[1]
+    matched = np.empty(points_m.shape[0], np.int32)
     H, g = np.zeros((3, 3)), np.zeros(3)
-    n = (points_m.shape[0] + step - 1) // step
-    matched = np.empty(n, np.int32)
-    used = 0
     for iteration in range(iterations):
-        c, s = math.cos(pose[2]), math.sin(pose[2])
-        ex, ey, ea = pose[0] - prior[0], pose[1] - prior[1], pose[2] - prior[2]
-        # Cauchy as well: wheels that spin against an obstacle must not outvote the walls.
-        off = pxx * ex * ex + 2.0 * pxy * ex * ey + pyy * ey * ey + prior_info[2] * ea * ea
-        trust = 1.0 / (1.0 + off / 9.0)
-        h00, h01, h11, h22 = trust * pxx, trust * pxy, trust * pyy, trust * prior_info[2]
-        h02 = h12 = 0.0
-        g0, g1, g2 = h00 * ex + h01 * ey, h01 * ex + h11 * ey, h22 * ea
-        used = 0
-        for j in range(n):
-            i = j * step
-            if normals[i, 0] == 0.0 and normals[i, 1] == 0.0:
-                continue
-            if iteration >= _ASSOCIATIONS and matched[j] < 0:
-                continue
-            rx = c * points_m[i, 0] - s * points_m[i, 1]
-            ry = s * points_m[i, 0] + c * points_m[i, 1]
-            x, y = pose[0] + rx, pose[1] + ry
-            if iteration < _ASSOCIATIONS:
-                nx = c * normals[i, 0] - s * normals[i, 1]
-                ny = s * normals[i, 0] + c * normals[i, 1]
-                matched[j] = _nearest(x, y, nx, ny, index, after, elements, cell_m, gate_m, same_side)
-                if matched[j] < 0:
-                    continue
-            e = elements[matched[j]]
-            mx, my = e[_NX], e[_NY]
-            r = mx * (x - e[_X]) + my * (y - e[_Y])
-            var = sigma_m[i] ** 2 + 1e-4 / e[_WEIGHT] + 2.5e-5
-            w = 1.0 / (var + r * r / 4.0)
-            j2 = -mx * ry + my * rx
-            h00 += w * mx * mx
-            h01 += w * mx * my
-            h11 += w * my * my
-            h02 += w * mx * j2
-            h12 += w * my * j2
-            h22 += w * j2 * j2
-            g0 += w * mx * r
-            g1 += w * my * r
-            g2 += w * j2 * r
-            used += 1
-        H[0, 0], H[0, 1], H[0, 2] = h00, h01, h02
-        H[1, 0], H[1, 1], H[1, 2] = h01, h11, h12
-        H[2, 0], H[2, 1], H[2, 2] = h02, h12, h22
-        g[0], g[1], g[2] = g0, g1, g2
+        if iteration < _ASSOCIATIONS:
+            _associate(points_m, normals, pose, index, after, elements, cell_m, gate_m, same_side, matched)
+        _prior_terms(pose, prior, info_xy, info_yaw, H, g)
+        _add_point_terms(points_m, sigma_m, matched, elements, pose, H, g)
         delta = np.linalg.solve(H, g)
         pose -= delta
         if abs(delta[0]) + abs(delta[1]) < 5e-4 and abs(delta[2]) < 2e-4:
             break
-    return pose, used
+    return pose, int((matched >= 0).sum())
 
 
-class SurfaceMap:
-    """Surface elements of one map, and registration against them.
+@nb.njit(cache=True)
+def _associate(
+    points_m: Array,
+    normals: Array,
+    pose: Array,
+    index: NDArray[np.int32],
+    after: NDArray[np.int32],
+    elements: Array,
+    cell_m: float,
+    gate_m: float,
+    same_side: float,
+    matched: NDArray[np.int32],
+) -> None:
+    """Write each point's element into `matched`, -1 for none."""
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    for i in range(points_m.shape[0]):
+        matched[i] = -1
+        if normals[i, 0] == 0.0 and normals[i, 1] == 0.0:
+            continue
+        x = pose[0] + (c * points_m[i, 0] - s * points_m[i, 1])
+        y = pose[1] + (s * points_m[i, 0] + c * points_m[i, 1])
+        nx = c * normals[i, 0] - s * normals[i, 1]
+        ny = s * normals[i, 0] + c * normals[i, 1]
+        matched[i] = nearest(x, y, nx, ny, index, after, elements, cell_m, gate_m, same_side)
 
-    Args:
-        extent_m: side of the square that the map can hold, its origin in the middle.
-        parameters: settings.
+
+@nb.njit(cache=True)
+def _prior_terms(pose: Array, prior: Array, info_xy: float, info_yaw: float, H: Array, g: Array) -> None:
+    """Begin the normal equations with the prior.
+
+    Cauchy-weighted as well: wheels that spin against an obstacle must not outvote the walls.
     """
+    ex, ey, ea = pose[0] - prior[0], pose[1] - prior[1], pose[2] - prior[2]
+    off = info_xy * (ex * ex + ey * ey) + info_yaw * ea * ea
+    trust = 1.0 / (1.0 + off / 9.0)
+    H[:] = 0.0
+    H[0, 0] = H[1, 1] = trust * info_xy
+    H[2, 2] = trust * info_yaw
+    g[0], g[1], g[2] = trust * info_xy * ex, trust * info_xy * ey, trust * info_yaw * ea
 
-    def __init__(self, *, extent_m: float, parameters: MatchParameters) -> None:
-        cells = 2 * math.ceil(0.5 * extent_m / parameters.cell_m)
-        self._p = parameters
-        self._index = np.full((cells, cells), -1, np.int32)
-        self._elements = np.zeros((4096, 6))
-        self._after = np.full(4096, -1, np.int32)
-        self._count = 0
 
-    def __len__(self) -> int:
-        return self._count
-
-    def insert(self, points_m: Array, normals: Array, sigma_m: Array, pose: Array) -> None:
-        """Average a scan into the map.
-
-        Args:
-            points_m: (B, 2) in the robot frame.
-            normals: (B, 2) from `scan_normals`.
-            sigma_m: (B,) standard deviation of each range.
-            pose: (3,) of the robot in the map.
-        """
-        p = self._p
-        if self._count + len(points_m) > len(self._elements):
-            self._elements = np.concatenate([self._elements, np.zeros_like(self._elements)])
-            self._after = np.concatenate([self._after, np.full_like(self._after, -1)])
-        self._count = _insert(
-            points_m, normals, sigma_m, pose, self._index, self._after, self._elements, self._count,
-            p.cell_m, p.same_side, p.max_weight,
-        )  # fmt: skip
-
-    def match(
-        self, points_m: Array, normals: Array, sigma_m: Array, prior: Array, *, travelled: Array
-    ) -> tuple[Array, int]:
-        """Register a scan.
-
-        Args:
-            points_m, normals, sigma_m: as for `insert`.
-            prior: (3,) pose that odometry predicts.
-            travelled: (3,) motion since the last scan in the robot frame; it sets the prior's sigma.
-
-        Returns:
-            (3,) pose and the number of points matched.
-        """
-        p = self._p
-        distance_m = math.hypot(travelled[0], travelled[1])
-        sigma_xy_m = p.prior_xy_m + p.prior_xy_per_m * distance_m
-        sigma_yaw = p.prior_yaw_rad + p.prior_yaw_per_rad * abs(travelled[2])
-        info = np.array([sigma_xy_m**-2, sigma_xy_m**-2, sigma_yaw**-2])
-        return _match(
-            points_m, normals, sigma_m, prior, info, self._index, self._after, self._elements,
-            p.beam_step, p.cell_m, p.gate_m, p.same_side, p.iterations,
-        )  # fmt: skip
+@nb.njit(cache=True)
+def _add_point_terms(
+    points_m: Array,
+    sigma_m: Array,
+    matched: NDArray[np.int32],
+    elements: Array,
+    pose: Array,
+    H: Array,
+    g: Array,
+) -> None:
+    """Add the matched points' distances from their lines to the normal equations."""
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    h00, h01, h11, h02, h12, h22, g0, g1, g2 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for i in range(points_m.shape[0]):
+        if matched[i] < 0:
+            continue
+        e = elements[matched[i]]
+        rx = c * points_m[i, 0] - s * points_m[i, 1]
+        ry = s * points_m[i, 0] + c * points_m[i, 1]
+        mx, my = e[NX], e[NY]
+        r = mx * (pose[0] + rx - e[X]) + my * (pose[1] + ry - e[Y])
+        # Of the point, of the element's mean, and 5 mm for what an element does not follow.
+        var = sigma_m[i] ** 2 + 1e-4 / e[WEIGHT] + 2.5e-5
+        w = 1.0 / (var + r * r / 4.0)
+        turn = -mx * ry + my * rx
+        h00 += w * mx * mx
+        h01 += w * mx * my
+        h11 += w * my * my
+        h02 += w * mx * turn
+        h12 += w * my * turn
+        h22 += w * turn * turn
+        g0 += w * mx * r
+        g1 += w * my * r
+        g2 += w * turn * r
+    H[0, 0] += h00
+    H[0, 1] += h01
+    H[1, 0] += h01
+    H[1, 1] += h11
+    H[0, 2] += h02
+    H[2, 0] += h02
+    H[1, 2] += h12
+    H[2, 1] += h12
+    H[2, 2] += h22
+    g[0] += g0
+    g[1] += g1
+    g[2] += g2

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from pipeline.geometry.occupancy_grid import OccupancyGrid
 from pipeline.geometry.se2 import Array
 from pipeline.slam.mapping import MappingParameters, OccupancyMapper
-from pipeline.slam.scan_match import MatchParameters, SurfaceMap, scan_normals
+from pipeline.slam.scan_match import MatchParameters, match_scan, scan_normals
+from pipeline.slam.surface_map import SurfaceMap
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -108,7 +109,12 @@ class Slam:
         self.parameters = parameters
         self._bearings_rad = bearings_rad
         self._lidar_x_m = lidar_x_m
-        self._surface = SurfaceMap(extent_m=parameters.extent_m, parameters=parameters.match)
+        self._surface = SurfaceMap(
+            extent_m=parameters.extent_m,
+            cell_m=parameters.match.cell_m,
+            same_side=parameters.match.same_side,
+            max_weight=parameters.match.max_weight,
+        )
         self.mapper = OccupancyMapper(extent_m=parameters.extent_m, parameters=parameters.mapping)
         self._pose: Array | None = None
         self._keyframe = np.zeros(3)
@@ -134,7 +140,9 @@ class Slam:
         else:
             travelled = relative(self._odometry, odometry)
             prior = compose(self._pose, travelled)
-            self._pose, _ = self._surface.match(points_m, normals, sigma_m, prior, travelled=travelled)
+            self._pose, _ = match_scan(
+                self._surface, points_m, normals, sigma_m, prior, travelled=travelled, parameters=p.match
+            )
             moved = relative(self._keyframe, self._pose)
             if math.hypot(moved[0], moved[1]) > p.keyframe_m or abs(moved[2]) > p.keyframe_rad:
                 self._surface.insert(points_m, normals, sigma_m, self._pose)

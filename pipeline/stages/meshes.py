@@ -19,7 +19,7 @@ from pipeline.floorplan.walls import lidar_outline, wall_boxes
 from pipeline.plan_schema import MESHES, PLAN_COLUMNS, plan_of, plan_row, solid_rows
 from pipeline.robot_file import load_robot
 from pipeline.seeds import stream
-from pipeline.simulation.lidar import ray_scene
+from pipeline.simulation.rays import ray_scene
 from pipeline.simulation.robot import RobotSpec
 from pipeline.simulation.world import scene_mjcf
 from pipeline.store.parquet import Layout

@@ -20,7 +20,7 @@ from pipeline.floorplan.validate import start_regions
 from pipeline.floorplan.walls import wall_boxes
 from pipeline.geometry.se2 import SE2, wrap_angle
 from pipeline.seeds import stream
-from pipeline.simulation.lidar import cast_rays
+from pipeline.simulation.rays import cast_rays
 from pipeline.simulation.world import Drive
 from tests.simulation.scenes import burger
 

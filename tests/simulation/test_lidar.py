@@ -7,14 +7,8 @@ from pytest import approx
 from pipeline.floorplan.records import Floorplan, Shape
 from pipeline.floorplan.walls import lidar_outline
 from pipeline.geometry.se2 import SE2, Array
-from pipeline.simulation.lidar import (
-    LidarNoise,
-    beam_bearings,
-    beam_times,
-    cast_rays,
-    noisy_ranges,
-    ray_scene,
-)
+from pipeline.simulation.lidar import LidarNoise, beam_bearings, beam_times, noisy_ranges
+from pipeline.simulation.rays import cast_rays, ray_scene
 from pipeline.simulation.world import scene_mjcf
 from tests.simulation.scenes import burger, pole, room_segments, wall
 

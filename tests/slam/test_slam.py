@@ -6,10 +6,12 @@ from pytest import approx
 
 from pipeline.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN
 from pipeline.geometry.se2 import Array
-from pipeline.simulation.lidar import beam_bearings, cast_rays, ray_scene
+from pipeline.simulation.lidar import beam_bearings
+from pipeline.simulation.rays import cast_rays, ray_scene
 from pipeline.slam.mapping import MappingParameters, OccupancyMapper
-from pipeline.slam.scan_match import MatchParameters, SurfaceMap, scan_normals
+from pipeline.slam.scan_match import MatchParameters, match_scan, scan_normals
 from pipeline.slam.slam import Slam, SlamParameters, Sweep, compose, deskew, open_space, relative
+from pipeline.slam.surface_map import SurfaceMap
 from tests.simulation.scenes import burger, room_segments
 
 LIDAR = burger().lidar
@@ -29,7 +31,8 @@ def points_of(ranges_m: Array) -> tuple[Array, Array]:
 
 
 def surface_of(segments: Array, pose: Array) -> SurfaceMap:
-    surface = SurfaceMap(extent_m=20.0, parameters=MatchParameters())
+    p = MatchParameters()
+    surface = SurfaceMap(extent_m=20.0, cell_m=p.cell_m, same_side=p.same_side, max_weight=p.max_weight)
     ranges_m = scan(segments, pose)
     points_m, origins_m = points_of(ranges_m)
     normals = scan_normals(points_m, origins_m, np.isfinite(ranges_m), 0.2)
@@ -45,8 +48,14 @@ def test_matching_recovers_where_the_scan_was_taken(offset: tuple[float, float, 
     ranges_m = scan(segments, true_pose)
     points_m, origins_m = points_of(ranges_m)
     normals = scan_normals(points_m, origins_m, np.isfinite(ranges_m), 0.2)
-    pose, used = surface.match(
-        points_m, normals, np.full(360, 0.01), true_pose + offset, travelled=np.array([0.3, 0.0, 0.3])
+    pose, used = match_scan(
+        surface,
+        points_m,
+        normals,
+        np.full(360, 0.01),
+        true_pose + offset,
+        travelled=np.array([0.3, 0.0, 0.3]),
+        parameters=MatchParameters(),
     )
     assert used > 200
     assert pose == approx(true_pose, abs=0.004)
@@ -60,8 +69,14 @@ def test_a_scan_of_one_face_of_a_wall_does_not_lock_on_to_the_other() -> None:
     ranges_m = scan(above, pose)
     points_m, origins_m = points_of(ranges_m)
     normals = scan_normals(points_m, origins_m, np.isfinite(ranges_m), 0.2)
-    found, used = surface.match(
-        points_m, normals, np.full(360, 0.01), pose, travelled=np.array([1.0, 0.0, 0.0])
+    found, used = match_scan(
+        surface,
+        points_m,
+        normals,
+        np.full(360, 0.01),
+        pose,
+        travelled=np.array([1.0, 0.0, 0.0]),
+        parameters=MatchParameters(),
     )
     assert used == 0
     assert found == approx(pose)
