@@ -26,6 +26,8 @@ MeshPool = Mapping[str, tuple[trimesh.Trimesh, ...]]
 TexturePool = Mapping[str, Image]
 """Textures by key: (H, W, 3) uint8, sRGB, repeated without a seam."""
 
+MAX_LIGHTS, MAX_SHADOWS = 8, 2
+
 NO_INSTANCE = -1
 """Id of the pixels that show the background."""
 
@@ -116,7 +118,7 @@ class Scene:
         camera: intrinsics and size.
         T_w_c: (4, 4) pose of the camera.
         instances: what there is.
-        lights: at most four of a kind, of which two at most throw shadows.
+        lights: at most MAX_LIGHTS, of which at most MAX_SHADOWS throw shadows.
         ambient_rgb: light that comes from everywhere, linear.
         background: (H, W, 3) uint8 behind everything, of the camera's size; None for black.
         robot: name of the robot that labels are about: of one instance, or of those named `robot/...`.
@@ -135,6 +137,12 @@ class Scene:
         if len(set(names)) != len(names):
             twice = sorted({name for name in names if names.count(name) > 1})
             raise PipelineError(f"scene: more than one instance named {', '.join(twice)}; names are unique")
+        shadows = sum(light.casts_shadow for light in self.lights)
+        if len(self.lights) > MAX_LIGHTS or shadows > MAX_SHADOWS:
+            raise PipelineError(
+                f"scene: {len(self.lights)} lights, {shadows} of them with shadows; "
+                f"at most {MAX_LIGHTS} and {MAX_SHADOWS}"
+            )
         size = (self.camera.height_px, self.camera.width_px, 3)
         if self.background is not None and self.background.shape != size:
             raise PipelineError(f"scene: background of shape {self.background.shape}; the camera has {size}")

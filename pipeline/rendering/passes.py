@@ -1,0 +1,231 @@
+"""The passes over a scene on the graphics side: ids and depth, shadows, colour.
+
+Importing this needs the libraries of `gl.LIBRARIES`, and a context current: `renderer.Renderer` sees to it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from OpenGL import GL
+from OpenGL.GL import shaders as glsl
+
+from pipeline.geometry.se2 import Array
+from pipeline.rendering import shaders
+from pipeline.rendering.resident import Float32, ResidentPart
+from pipeline.rendering.scene import MAX_SHADOWS, NO_INSTANCE, Image
+
+SAMPLES = 4
+"""Per pixel of the colour pass, against jagged edges."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Draw:
+    """One part of a mesh, drawn at the places of `count` rows of the table of instances."""
+
+    part: ResidentPart
+    first_row: int
+    count: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LightTable:
+    """The lights as the shader reads them, and the world-to-clip matrices of those that throw shadows.
+
+    Attributes:
+        place, direction, colour: (L, 4) float32, see the shader.
+        T_shadow_w: (S, 4, 4).
+        ambient_rgb: (3,).
+    """
+
+    place: Float32
+    direction: Float32
+    colour: Float32
+    T_shadow_w: Array
+    ambient_rgb: Array
+
+
+class Passes:
+    """Programs and framebuffers of one image size."""
+
+    def __init__(self, *, width_px: int, height_px: int, texture_array: int) -> None:
+        self._size = (width_px, height_px)
+        self._texture_array = texture_array
+        self._id_program = _program(shaders.ID_VERTEX, shaders.ID_FRAGMENT)
+        self._depth_program = _program(shaders.ID_VERTEX, shaders.DEPTH_FRAGMENT)
+        self._surface_program = _program(shaders.SURFACE_VERTEX, shaders.SURFACE_FRAGMENT)
+        self._id_buffer = _framebuffer(self._size, GL.GL_R32I, samples=0)
+        self._colour_buffer = _framebuffer(self._size, GL.GL_RGBA8, samples=SAMPLES)
+        self._resolved_buffer = _framebuffer(self._size, GL.GL_RGBA8, samples=0)
+        self._shadow_maps = [_shadow_map() for _ in range(MAX_SHADOWS)]
+        self._rows_buffer = GL.glGenBuffers(1)
+        self._rows_texture = GL.glGenTextures(1)
+
+    def upload(self, rows: Float32) -> None:
+        """Make (N, 4 ROW_TEXELS) rows the table of instances that the next passes read."""
+        GL.glBindBuffer(GL.GL_TEXTURE_BUFFER, self._rows_buffer)
+        GL.glBufferData(GL.GL_TEXTURE_BUFFER, rows.nbytes, rows, GL.GL_STREAM_DRAW)
+        GL.glActiveTexture(GL.GL_TEXTURE0)
+        GL.glBindTexture(GL.GL_TEXTURE_BUFFER, self._rows_texture)
+        GL.glTexBuffer(GL.GL_TEXTURE_BUFFER, GL.GL_RGBA32F, self._rows_buffer)
+
+    def ids(
+        self, draws: Sequence[Draw], T_clip_w: Array, *, width_px: int, height_px: int
+    ) -> NDArray[np.int32]:
+        """(H, W) id of what is nearest, in the corner of the buffer that the matrix is made for."""
+        self._draw_ids(draws, T_clip_w, width_px, height_px)
+        pixels = GL.glReadPixels(0, 0, width_px, height_px, GL.GL_RED_INTEGER, GL.GL_INT)
+        return np.frombuffer(pixels, dtype=np.int32).reshape(height_px, width_px)
+
+    def depth(self) -> Float32:
+        """(H, W) depth 0..1 of what the last `ids` drew, nearest at 0."""
+        width_px, height_px = self._size
+        pixels = GL.glReadPixels(0, 0, width_px, height_px, GL.GL_DEPTH_COMPONENT, GL.GL_FLOAT)
+        return np.frombuffer(pixels, dtype=np.float32).reshape(height_px, width_px)
+
+    def colour(self, draws: Sequence[Draw], T_clip_w: Array, p_w_c: Array, lights: LightTable) -> Image:
+        """(H, W, 4) uint8: sRGB and coverage; all that is uncovered is black."""
+        for shadow_map, T_shadow_w in zip(self._shadow_maps, lights.T_shadow_w, strict=False):
+            self._draw_shadow(draws, shadow_map, T_shadow_w)
+        width_px, height_px = self._size
+        GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._colour_buffer)
+        GL.glViewport(0, 0, width_px, height_px)
+        GL.glEnable(GL.GL_MULTISAMPLE)
+        GL.glClearColor(0.0, 0.0, 0.0, 0.0)
+        GL.glClear(GL.GL_COLOR_BUFFER_BIT | GL.GL_DEPTH_BUFFER_BIT)
+        # Depth first: a pixel's light is then computed once, not for everything behind it too.
+        GL.glColorMask(GL.GL_FALSE, GL.GL_FALSE, GL.GL_FALSE, GL.GL_FALSE)
+        self._draw(self._depth_program, draws, T_clip_w)
+        GL.glColorMask(GL.GL_TRUE, GL.GL_TRUE, GL.GL_TRUE, GL.GL_TRUE)
+        GL.glDepthFunc(GL.GL_LEQUAL)
+        self._bind_surface(p_w_c, lights)
+        self._draw(self._surface_program, draws, T_clip_w)
+        return self._resolved()
+
+    def _draw_ids(self, draws: Sequence[Draw], T_clip_w: Array, width_px: int, height_px: int) -> None:
+        GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._id_buffer)
+        GL.glViewport(0, 0, width_px, height_px)
+        GL.glDisable(GL.GL_MULTISAMPLE)
+        GL.glClearBufferiv(GL.GL_COLOR, 0, np.full(4, NO_INSTANCE, dtype=np.int32))
+        GL.glClear(GL.GL_DEPTH_BUFFER_BIT)
+        self._draw(self._id_program, draws, T_clip_w)
+
+    def _draw_shadow(self, draws: Sequence[Draw], shadow_map: tuple[int, int], T_shadow_w: Array) -> None:
+        GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, shadow_map[0])
+        GL.glViewport(0, 0, shaders.SHADOW_PX, shaders.SHADOW_PX)
+        GL.glClear(GL.GL_DEPTH_BUFFER_BIT)
+        GL.glEnable(GL.GL_POLYGON_OFFSET_FILL)
+        GL.glPolygonOffset(2.0, 4.0)
+        self._draw(self._depth_program, draws, T_shadow_w)
+        GL.glDisable(GL.GL_POLYGON_OFFSET_FILL)
+
+    def _draw(self, program: int, draws: Sequence[Draw], T_clip_w: Array) -> None:
+        GL.glUseProgram(program)
+        GL.glEnable(GL.GL_DEPTH_TEST)
+        GL.glEnable(GL.GL_CULL_FACE)
+        # Row 0 of our images is at the top, of GL's at the bottom: seen from GL, all is upside down.
+        GL.glFrontFace(GL.GL_CW)
+        matrix = T_clip_w.astype(np.float32)
+        GL.glUniformMatrix4fv(GL.glGetUniformLocation(program, "T_clip_w"), 1, GL.GL_TRUE, matrix)
+        first_row, own_uv = (GL.glGetUniformLocation(program, name) for name in ("first_row", "own_uv"))
+        for draw in draws:
+            GL.glUniform1i(first_row, draw.first_row)
+            if own_uv >= 0:  # the other programs have no textures
+                GL.glUniform1i(own_uv, draw.part.has_uv)
+            GL.glBindVertexArray(draw.part.vertex_array)
+            GL.glDrawElementsInstanced(
+                GL.GL_TRIANGLES, draw.part.index_count, GL.GL_UNSIGNED_INT, None, draw.count
+            )
+        GL.glBindVertexArray(0)
+        GL.glDepthFunc(GL.GL_LESS)
+
+    def _bind_surface(self, p_w_c: Array, lights: LightTable) -> None:
+        """Textures in units 1 to 3, and what the light is computed from."""
+        units = [(GL.GL_TEXTURE_2D_ARRAY, self._texture_array)]
+        units += [(GL.GL_TEXTURE_2D, texture) for _, texture in self._shadow_maps]
+        for unit, (target, texture) in enumerate(units, start=1):
+            GL.glActiveTexture(GL.GL_TEXTURE0 + unit)
+            GL.glBindTexture(target, texture)
+        GL.glActiveTexture(GL.GL_TEXTURE0)
+
+        program = self._surface_program
+        GL.glUseProgram(program)
+        for unit, name in enumerate(("instances", "textures", "shadow_0", "shadow_1")):
+            GL.glUniform1i(GL.glGetUniformLocation(program, name), unit)
+        GL.glUniform3f(GL.glGetUniformLocation(program, "camera_w"), *p_w_c)
+        GL.glUniform3f(GL.glGetUniformLocation(program, "ambient"), *lights.ambient_rgb)
+        GL.glUniform1i(GL.glGetUniformLocation(program, "light_count"), len(lights.place))
+        for name in ("place", "direction", "colour"):
+            values = getattr(lights, name)
+            if len(values):
+                location = GL.glGetUniformLocation(program, f"light_{name}")
+                GL.glUniform4fv(location, len(values), values)
+        if len(lights.T_shadow_w):
+            matrices = lights.T_shadow_w.astype(np.float32)
+            location = GL.glGetUniformLocation(program, "T_shadow_w")
+            GL.glUniformMatrix4fv(location, len(matrices), GL.GL_TRUE, matrices)
+
+    def _resolved(self) -> Image:
+        """The mean of each pixel's samples."""
+        width_px, height_px = self._size
+        box = (0, 0, width_px, height_px)
+        GL.glBindFramebuffer(GL.GL_READ_FRAMEBUFFER, self._colour_buffer)
+        GL.glBindFramebuffer(GL.GL_DRAW_FRAMEBUFFER, self._resolved_buffer)
+        GL.glBlitFramebuffer(*box, *box, GL.GL_COLOR_BUFFER_BIT, GL.GL_NEAREST)
+        GL.glBindFramebuffer(GL.GL_READ_FRAMEBUFFER, self._resolved_buffer)
+        pixels = GL.glReadPixels(*box, GL.GL_RGBA, GL.GL_UNSIGNED_BYTE)
+        return np.frombuffer(pixels, dtype=np.uint8).reshape(height_px, width_px, 4)
+
+
+def _program(vertex: str, fragment: str) -> int:
+    # A vertex array must be bound while a program is checked.
+    GL.glBindVertexArray(GL.glGenVertexArrays(1))
+    program = glsl.compileProgram(
+        glsl.compileShader(vertex, GL.GL_VERTEX_SHADER),
+        glsl.compileShader(fragment, GL.GL_FRAGMENT_SHADER),
+        validate=False,  # two kinds of sampler share a unit until they are told apart
+    )
+    GL.glBindVertexArray(0)
+    return int(program)
+
+
+def _framebuffer(size: tuple[int, int], colour_format: int, *, samples: int) -> int:
+    framebuffer = int(GL.glGenFramebuffers(1))
+    GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, framebuffer)
+    for attachment, storage in (
+        (GL.GL_COLOR_ATTACHMENT0, colour_format),
+        (GL.GL_DEPTH_ATTACHMENT, GL.GL_DEPTH_COMPONENT24),
+    ):
+        renderbuffer = GL.glGenRenderbuffers(1)
+        GL.glBindRenderbuffer(GL.GL_RENDERBUFFER, renderbuffer)
+        GL.glRenderbufferStorageMultisample(GL.GL_RENDERBUFFER, samples, storage, *size)
+        GL.glFramebufferRenderbuffer(GL.GL_FRAMEBUFFER, attachment, GL.GL_RENDERBUFFER, renderbuffer)
+    assert GL.glCheckFramebufferStatus(GL.GL_FRAMEBUFFER) == GL.GL_FRAMEBUFFER_COMPLETE
+    return framebuffer
+
+
+def _shadow_map() -> tuple[int, int]:
+    """A framebuffer of depth alone, and the texture it draws to, read as lit or not."""
+    texture, side = int(GL.glGenTextures(1)), shaders.SHADOW_PX
+    GL.glBindTexture(GL.GL_TEXTURE_2D, texture)
+    GL.glTexImage2D(
+        GL.GL_TEXTURE_2D, 0, GL.GL_DEPTH_COMPONENT24, side, side, 0, GL.GL_DEPTH_COMPONENT, GL.GL_FLOAT, None
+    )
+    for name, value in (
+        (GL.GL_TEXTURE_MIN_FILTER, GL.GL_LINEAR),
+        (GL.GL_TEXTURE_MAG_FILTER, GL.GL_LINEAR),
+        (GL.GL_TEXTURE_WRAP_S, GL.GL_CLAMP_TO_EDGE),
+        (GL.GL_TEXTURE_WRAP_T, GL.GL_CLAMP_TO_EDGE),
+        (GL.GL_TEXTURE_COMPARE_MODE, GL.GL_COMPARE_REF_TO_TEXTURE),
+        (GL.GL_TEXTURE_COMPARE_FUNC, GL.GL_LEQUAL),
+    ):
+        GL.glTexParameteri(GL.GL_TEXTURE_2D, name, value)
+    framebuffer = int(GL.glGenFramebuffers(1))
+    GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, framebuffer)
+    GL.glFramebufferTexture2D(GL.GL_FRAMEBUFFER, GL.GL_DEPTH_ATTACHMENT, GL.GL_TEXTURE_2D, texture, 0)
+    GL.glDrawBuffer(GL.GL_NONE)
+    GL.glReadBuffer(GL.GL_NONE)
+    return framebuffer, texture
