@@ -10,7 +10,7 @@ from typing import Annotated, Any
 from pydantic import Field
 
 from pipeline.errors import ConfigError
-from pipeline.exploration.episode import EpisodeParameters
+from pipeline.exploration.records import EpisodeParameters
 from pipeline.floorplan.generate import GeneratorParameters
 from pipeline.floorplan.validate import FloorplanLimits
 from pipeline.store.records import dotted

@@ -20,7 +20,8 @@ from rich.console import Console
 
 from pipeline.config import load_config
 from pipeline.engine import Run
-from pipeline.exploration.episode import EpisodeParameters, run_episode
+from pipeline.exploration.episode import run_episode
+from pipeline.exploration.records import EpisodeParameters
 from pipeline.exploration.surroundings import furnished
 from pipeline.floorplan.records import Floorplan
 from pipeline.floorplan.walls import wall_boxes

@@ -13,7 +13,8 @@ import numpy as np
 from pipeline.config import ExploreSection
 from pipeline.engine import Run, Task, part_name
 from pipeline.errors import FloorplanError
-from pipeline.exploration.episode import Episode, run_episode
+from pipeline.exploration.episode import run_episode
+from pipeline.exploration.records import Episode
 from pipeline.exploration.starts import draw_starts
 from pipeline.exploration.surroundings import furnished, in_the_way
 from pipeline.floorplan.furnish import furnish

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from pipeline.evaluation.metrics import ghost_cells, pose_error, wall_agreement
-from pipeline.exploration.episode import Episode, Event, Snapshot
+from pipeline.exploration.records import Episode, Event, Snapshot
 from pipeline.exploration.rendezvous import Sighting
 from pipeline.floorplan.records import Floorplan
 from pipeline.geometry.occupancy_grid import overlap

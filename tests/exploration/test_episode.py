@@ -9,8 +9,9 @@ import pytest
 from pytest import approx
 
 from pipeline.exploration import episode as episode_module
-from pipeline.exploration.episode import Episode, EpisodeParameters, run_episode
+from pipeline.exploration.episode import run_episode
 from pipeline.exploration.explorer import Explorer
+from pipeline.exploration.records import Episode, EpisodeParameters
 from pipeline.exploration.starts import draw_starts
 from pipeline.exploration.surroundings import Surroundings, furnished
 from pipeline.floorplan.furnish import furnish
