@@ -12,11 +12,11 @@ import numpy as np
 from pipeline.floorplan.records import Solid
 from pipeline.geometry.se2 import SE2, Array
 from pipeline.simulation.nearby import Nearby, Slots
-from pipeline.simulation.robot import RobotSpec
+from pipeline.simulation.robot import CONTROL_HZ, RobotSpec
 from pipeline.simulation.world import TIMESTEP_S, Drive, scene_mjcf
 
-TICK_S = 0.05
-"""Period of the wheel controller and of the encoders (20 Hz)."""
+TICK_S = 1.0 / CONTROL_HZ
+"""Period of the wheel controller and of the encoders."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -10,6 +10,9 @@ from pipeline.errors import ConfigError
 from pipeline.geometry.camera import PinholeCamera, camera_pose
 from pipeline.geometry.se2 import Array
 
+CONTROL_HZ = 20.0
+"""Rate of the wheel controller and of the encoders."""
+
 Vec3 = tuple[float, float, float]
 
 
@@ -115,12 +118,53 @@ class RobotSpec:
     cuboid: Cuboid
 
     def __post_init__(self) -> None:
-        if self.wheels.track_m <= 0 or self.wheels.radius_m <= 0 or self.radius_m <= 0:
-            raise ConfigError(f"robot {self.name}: wheel radius, track and radius must be positive")
-        if self.lidar.z_m > self.size_m[2]:
+        for name, value in self._lengths().items():
+            if not value > 0.0:
+                raise ConfigError(f"robot {self.name}: {name} is {value}; must be positive")
+        lidar, chassis = self.lidar, self.chassis
+        if not chassis.bottom_z_m < chassis.top_z_m <= self.size_m[2]:
             raise ConfigError(
-                f"robot {self.name}: lidar at {self.lidar.z_m} m is above the robot's {self.size_m[2]} m"
+                f"robot {self.name}: the chassis reaches from {chassis.bottom_z_m} to {chassis.top_z_m} m; "
+                f"its top must be above its bottom and at most the robot's height of {self.size_m[2]} m"
             )
+        if not 0.0 < lidar.z_m <= self.size_m[2]:
+            raise ConfigError(
+                f"robot {self.name}: lidar.z_m is {lidar.z_m}; must be within the robot's {self.size_m[2]} m"
+            )
+        if lidar.beams < 8 or not 0.0 <= lidar.range_min_m < lidar.range_max_m:
+            raise ConfigError(
+                f"robot {self.name}: lidar with {lidar.beams} beams from {lidar.range_min_m} to "
+                f"{lidar.range_max_m} m; needs at least 8 beams and a range"
+            )
+        ticks = CONTROL_HZ / lidar.rate_hz
+        if round(ticks) < 1 or abs(ticks - round(ticks)) > 1e-9:
+            raise ConfigError(
+                f"robot {self.name}: lidar.rate_hz is {lidar.rate_hz}; must divide the controller's "
+                f"{CONTROL_HZ:g} Hz, such as 5 or 10"
+            )
+        if 2 * self.wheels.mass_kg >= self.mass_kg:
+            raise ConfigError(
+                f"robot {self.name}: two wheels of {self.wheels.mass_kg} kg are not part of {self.mass_kg} kg"
+            )
+
+    def _lengths(self) -> dict[str, float]:
+        """What must be positive, by its key."""
+        values = {
+            "radius_m": self.radius_m,
+            "mass_kg": self.mass_kg,
+            "max_speed_mps": self.max_speed_mps,
+            "max_turn_rate_radps": self.max_turn_rate_radps,
+            "chassis.radius_m": self.chassis.radius_m,
+            "wheels.radius_m": self.wheels.radius_m,
+            "wheels.width_m": self.wheels.width_m,
+            "wheels.track_m": self.wheels.track_m,
+            "wheels.mass_kg": self.wheels.mass_kg,
+            "caster.radius_m": self.caster.radius_m,
+            "lidar.cap_radius_m": self.lidar.cap_radius_m,
+            "lidar.rate_hz": self.lidar.rate_hz,
+        }
+        sizes = {"size_m": self.size_m, "cuboid.size_m": self.cuboid.size_m}
+        return values | {f"{key}[{k}]": size[k] for key, size in sizes.items() for k in range(3)}
 
     def circle_at(self, height_m: float) -> tuple[float, float] | None:
         """(x, radius) [m] of what a level scan at this height sees of the robot; None if it passes over."""

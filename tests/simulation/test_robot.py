@@ -1,0 +1,65 @@
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import pytest
+from pytest import approx
+
+from pipeline.errors import ConfigError
+from pipeline.robot_file import ROBOTS, load_robot
+from tests.simulation.scenes import burger
+
+
+def test_the_burger_has_its_published_size_and_limits() -> None:
+    spec = burger()
+    assert spec.size_m == (0.138, 0.178, 0.192)
+    assert (spec.wheels.radius_m, spec.wheels.track_m) == (0.033, 0.160)
+    assert (spec.max_speed_mps, spec.max_turn_rate_radps) == (0.22, 2.84)
+    assert (spec.lidar.beams, spec.lidar.rate_hz, spec.lidar.range_max_m) == (360, 5.0, 3.5)
+
+
+def test_the_burgers_body_lies_inside_its_cuboid() -> None:
+    spec = burger()
+    (length, width, height), (x, _, z) = spec.cuboid.size_m, spec.cuboid.centre_m
+    assert spec.chassis.centre_x_m - spec.chassis.radius_m >= x - length / 2 - 1e-9
+    assert spec.chassis.centre_x_m + spec.chassis.radius_m <= x + length / 2 + 1e-9
+    assert spec.wheels.track_m / 2 + spec.wheels.width_m / 2 <= width / 2 + 1e-9
+    assert (z - height / 2, z + height / 2) == (approx(0.0), approx(spec.size_m[2]))
+
+
+def test_a_level_scan_sees_the_cap_above_the_chassis_and_the_chassis_below_it() -> None:
+    spec = burger()
+    assert spec.circle_at(spec.lidar.z_m) == (spec.lidar.x_m, spec.lidar.cap_radius_m)
+    assert spec.circle_at(0.1) == (spec.chassis.centre_x_m, spec.chassis.radius_m)
+    assert spec.circle_at(0.3) is None
+
+
+@pytest.mark.parametrize(
+    ("part", "change", "message"),
+    [
+        ("wheels", {"radius_m": 0.0}, r"wheels\.radius_m is 0\.0; must be positive"),
+        ("lidar", {"z_m": 0.5}, r"lidar\.z_m is 0\.5; must be within the robot's 0\.192 m"),
+        ("lidar", {"beams": 0}, "lidar with 0 beams"),
+        ("lidar", {"rate_hz": 7.0}, r"must divide the controller's 20 Hz, such as 5 or 10"),
+        ("chassis", {"top_z_m": 0.4}, "at most the robot's height"),
+        ("wheels", {"mass_kg": 0.6}, "two wheels of 0.6 kg are not part of 1.0 kg"),
+    ],
+)
+def test_a_robot_that_cannot_be_is_refused(part: str, change: dict[str, Any], message: str) -> None:
+    spec = burger()
+    with pytest.raises(ConfigError, match=message):
+        replace(spec, **{part: replace(getattr(spec, part), **change)})
+
+
+def test_an_unknown_robot_is_told_with_those_there_are() -> None:
+    with pytest.raises(ConfigError, match=r"no file .*; known robots are burger"):
+        load_robot("burgr")
+
+
+def test_a_misspelt_key_is_told_with_the_one_that_is_meant(tmp_path: Any) -> None:
+    text = (ROBOTS / "burger" / "robot.yaml").read_text().replace("track_m:", "trackm:")
+    path = tmp_path / "robot.yaml"
+    path.write_text(text)
+    with pytest.raises(ConfigError, match=r"robot\.yaml: unknown key .*trackm.*track_m"):
+        load_robot(str(path))
