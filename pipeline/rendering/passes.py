@@ -18,8 +18,9 @@ from pipeline.rendering import shaders
 from pipeline.rendering.resident import Float32, ResidentPart
 from pipeline.rendering.scene import MAX_SHADOWS, NO_INSTANCE, Image
 
-SAMPLES = 4
-"""Per pixel of the colour pass, against jagged edges."""
+MASK_UNIT = 4
+
+Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -36,7 +37,7 @@ class LightTable:
     """The lights as the shader reads them, and the world-to-clip matrices of those that throw shadows.
 
     Attributes:
-        place, direction, colour: (L, 4) float32, see the shader.
+        place, direction, colour: (L, 4) float32, see the shader; those that throw shadows first.
         T_shadow_w: (S, 4, 4).
         ambient_rgb: (3,).
     """
@@ -56,10 +57,21 @@ class Passes:
         self._texture_array = texture_array
         self._id_program = _program(shaders.ID_VERTEX, shaders.ID_FRAGMENT)
         self._depth_program = _program(shaders.ID_VERTEX, shaders.DEPTH_FRAGMENT)
-        self._surface_program = _program(shaders.SURFACE_VERTEX, shaders.SURFACE_FRAGMENT)
-        self._id_buffer = _framebuffer(self._size, GL.GL_R32I, samples=0)
-        self._colour_buffer = _framebuffer(self._size, GL.GL_RGBA8, samples=SAMPLES)
-        self._resolved_buffer = _framebuffer(self._size, GL.GL_RGBA8, samples=0)
+        self._mask_program = _program(shaders.MASK_VERTEX, shaders.MASK_FRAGMENT)
+        self._surface_programs = [
+            _program(shaders.SURFACE_VERTEX, shaders.surface_fragment(shadows=shadows))
+            for shadows in range(MAX_SHADOWS + 1)
+        ]
+        depth = _renderbuffer(self._size, GL.GL_DEPTH_COMPONENT24)
+        self._id_buffer = _framebuffer(_renderbuffer(self._size, GL.GL_R32I), depth)
+        self._colour_buffer = _framebuffer(_renderbuffer(self._size, GL.GL_RGBA8), depth)
+        self._fine_size = (shaders.EDGE_SAMPLES * width_px, shaders.EDGE_SAMPLES * height_px)
+        self._fine_buffer = _framebuffer(
+            _renderbuffer(self._fine_size, GL.GL_RGBA8),
+            _renderbuffer(self._fine_size, GL.GL_DEPTH_COMPONENT24),
+        )
+        self._mask_texture = _mask_texture(self._size)
+        self._empty_array = GL.glGenVertexArrays(1)
         self._shadow_maps = [_shadow_map() for _ in range(MAX_SHADOWS)]
         self._rows_buffer = GL.glGenBuffers(1)
         self._rows_texture = GL.glGenTextures(1)
@@ -86,29 +98,69 @@ class Passes:
         pixels = GL.glReadPixels(0, 0, width_px, height_px, GL.GL_DEPTH_COMPONENT, GL.GL_FLOAT)
         return np.frombuffer(pixels, dtype=np.float32).reshape(height_px, width_px)
 
-    def colour(self, draws: Sequence[Draw], T_clip_w: Array, p_w_c: Array, lights: LightTable) -> Image:
-        """(H, W, 4) uint8: sRGB and coverage; all that is uncovered is black."""
+    def colour(
+        self, draws: Sequence[Draw], T_clip_w: Array, p_w_c: Array, lights: LightTable, edges: Mask
+    ) -> Image:
+        """(H, W, 4) uint8: sRGB and coverage; all that is uncovered is black.
+
+        It needs the depth that `ids` has just left for the same image: the light of a pixel is then computed
+        once, not for everything behind it too.
+
+        Args:
+            draws: what to draw.
+            T_clip_w: (4, 4) camera.
+            p_w_c: (3,) its place.
+            lights: what lights it.
+            edges: (H, W) pixels to compute from several samples. All pixels of a multisampled buffer would
+                take four times as long on the CPU, where Mesa shades every sample and tests depth last.
+        """
         for shadow_map, T_shadow_w in zip(self._shadow_maps, lights.T_shadow_w, strict=False):
             self._draw_shadow(draws, shadow_map, T_shadow_w)
-        width_px, height_px = self._size
-        GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._colour_buffer)
-        GL.glViewport(0, 0, width_px, height_px)
-        GL.glEnable(GL.GL_MULTISAMPLE)
+        program = self._surface_programs[len(lights.T_shadow_w)]
+        self._bind_surface(program, p_w_c, lights)
         GL.glClearColor(0.0, 0.0, 0.0, 0.0)
-        GL.glClear(GL.GL_COLOR_BUFFER_BIT | GL.GL_DEPTH_BUFFER_BIT)
-        # Depth first: a pixel's light is then computed once, not for everything behind it too.
-        GL.glColorMask(GL.GL_FALSE, GL.GL_FALSE, GL.GL_FALSE, GL.GL_FALSE)
-        self._draw(self._depth_program, draws, T_clip_w)
-        GL.glColorMask(GL.GL_TRUE, GL.GL_TRUE, GL.GL_TRUE, GL.GL_TRUE)
+        GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._colour_buffer)
+        GL.glViewport(0, 0, *self._size)
+        GL.glClear(GL.GL_COLOR_BUFFER_BIT)
         GL.glDepthFunc(GL.GL_LEQUAL)
-        self._bind_surface(p_w_c, lights)
-        self._draw(self._surface_program, draws, T_clip_w)
-        return self._resolved()
+        self._draw(program, draws, T_clip_w)
+        rgba = self._read_colour()
+        GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._fine_buffer)
+        GL.glViewport(0, 0, *self._fine_size)
+        GL.glClear(GL.GL_COLOR_BUFFER_BIT | GL.GL_DEPTH_BUFFER_BIT)
+        self._hide_all_but(edges)
+        self._draw(program, draws, T_clip_w)
+        self._average()
+        rgba[edges] = self._read_colour()[edges]
+        return rgba
+
+    def _hide_all_but(self, edges: Mask) -> None:
+        """Put the nearest depth wherever nothing is to be drawn."""
+        GL.glActiveTexture(GL.GL_TEXTURE0 + MASK_UNIT)
+        GL.glBindTexture(GL.GL_TEXTURE_2D, self._mask_texture)
+        GL.glPixelStorei(GL.GL_UNPACK_ALIGNMENT, 1)
+        GL.glTexSubImage2D(
+            GL.GL_TEXTURE_2D,
+            0,
+            0,
+            0,
+            *self._size,
+            GL.GL_RED,
+            GL.GL_UNSIGNED_BYTE,
+            edges.astype(np.uint8) * 255,
+        )
+        GL.glActiveTexture(GL.GL_TEXTURE0)
+        GL.glUseProgram(self._mask_program)
+        GL.glUniform1i(GL.glGetUniformLocation(self._mask_program, "mask"), MASK_UNIT)
+        GL.glColorMask(*4 * [GL.GL_FALSE])
+        GL.glDisable(GL.GL_CULL_FACE)
+        GL.glBindVertexArray(self._empty_array)
+        GL.glDrawArrays(GL.GL_TRIANGLES, 0, 3)
+        GL.glColorMask(*4 * [GL.GL_TRUE])
 
     def _draw_ids(self, draws: Sequence[Draw], T_clip_w: Array, width_px: int, height_px: int) -> None:
         GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._id_buffer)
         GL.glViewport(0, 0, width_px, height_px)
-        GL.glDisable(GL.GL_MULTISAMPLE)
         GL.glClearBufferiv(GL.GL_COLOR, 0, np.full(4, NO_INSTANCE, dtype=np.int32))
         GL.glClear(GL.GL_DEPTH_BUFFER_BIT)
         self._draw(self._id_program, draws, T_clip_w)
@@ -142,7 +194,7 @@ class Passes:
         GL.glBindVertexArray(0)
         GL.glDepthFunc(GL.GL_LESS)
 
-    def _bind_surface(self, p_w_c: Array, lights: LightTable) -> None:
+    def _bind_surface(self, program: int, p_w_c: Array, lights: LightTable) -> None:
         """Textures in units 1 to 3, and what the light is computed from."""
         units = [(GL.GL_TEXTURE_2D_ARRAY, self._texture_array)]
         units += [(GL.GL_TEXTURE_2D, texture) for _, texture in self._shadow_maps]
@@ -151,7 +203,6 @@ class Passes:
             GL.glBindTexture(target, texture)
         GL.glActiveTexture(GL.GL_TEXTURE0)
 
-        program = self._surface_program
         GL.glUseProgram(program)
         for unit, name in enumerate(("instances", "textures", "shadow_0", "shadow_1")):
             GL.glUniform1i(GL.glGetUniformLocation(program, name), unit)
@@ -168,16 +219,19 @@ class Passes:
             location = GL.glGetUniformLocation(program, "T_shadow_w")
             GL.glUniformMatrix4fv(location, len(matrices), GL.GL_TRUE, matrices)
 
-    def _resolved(self) -> Image:
-        """The mean of each pixel's samples."""
+    def _average(self) -> None:
+        """The mean of each pixel's samples, from the fine buffer into the plain one."""
+        GL.glBindFramebuffer(GL.GL_READ_FRAMEBUFFER, self._fine_buffer)
+        GL.glBindFramebuffer(GL.GL_DRAW_FRAMEBUFFER, self._colour_buffer)
+        # Halved, linear interpolation falls on the corner that four samples share.
+        GL.glBlitFramebuffer(0, 0, *self._fine_size, 0, 0, *self._size, GL.GL_COLOR_BUFFER_BIT, GL.GL_LINEAR)
+
+    def _read_colour(self) -> Image:
         width_px, height_px = self._size
-        box = (0, 0, width_px, height_px)
+        rgba = np.empty((height_px, width_px, 4), dtype=np.uint8)
         GL.glBindFramebuffer(GL.GL_READ_FRAMEBUFFER, self._colour_buffer)
-        GL.glBindFramebuffer(GL.GL_DRAW_FRAMEBUFFER, self._resolved_buffer)
-        GL.glBlitFramebuffer(*box, *box, GL.GL_COLOR_BUFFER_BIT, GL.GL_NEAREST)
-        GL.glBindFramebuffer(GL.GL_READ_FRAMEBUFFER, self._resolved_buffer)
-        pixels = GL.glReadPixels(*box, GL.GL_RGBA, GL.GL_UNSIGNED_BYTE)
-        return np.frombuffer(pixels, dtype=np.uint8).reshape(height_px, width_px, 4)
+        GL.glReadPixels(0, 0, width_px, height_px, GL.GL_RGBA, GL.GL_UNSIGNED_BYTE, rgba)
+        return rgba
 
 
 def _program(vertex: str, fragment: str) -> int:
@@ -192,19 +246,32 @@ def _program(vertex: str, fragment: str) -> int:
     return int(program)
 
 
-def _framebuffer(size: tuple[int, int], colour_format: int, *, samples: int) -> int:
+def _renderbuffer(size: tuple[int, int], storage: int) -> int:
+    renderbuffer = int(GL.glGenRenderbuffers(1))
+    GL.glBindRenderbuffer(GL.GL_RENDERBUFFER, renderbuffer)
+    GL.glRenderbufferStorage(GL.GL_RENDERBUFFER, storage, *size)
+    return renderbuffer
+
+
+def _framebuffer(colour: int, depth: int) -> int:
     framebuffer = int(GL.glGenFramebuffers(1))
     GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, framebuffer)
-    for attachment, storage in (
-        (GL.GL_COLOR_ATTACHMENT0, colour_format),
-        (GL.GL_DEPTH_ATTACHMENT, GL.GL_DEPTH_COMPONENT24),
+    for attachment, renderbuffer in (
+        (GL.GL_COLOR_ATTACHMENT0, colour),
+        (GL.GL_DEPTH_ATTACHMENT, depth),
     ):
-        renderbuffer = GL.glGenRenderbuffers(1)
-        GL.glBindRenderbuffer(GL.GL_RENDERBUFFER, renderbuffer)
-        GL.glRenderbufferStorageMultisample(GL.GL_RENDERBUFFER, samples, storage, *size)
         GL.glFramebufferRenderbuffer(GL.GL_FRAMEBUFFER, attachment, GL.GL_RENDERBUFFER, renderbuffer)
     assert GL.glCheckFramebufferStatus(GL.GL_FRAMEBUFFER) == GL.GL_FRAMEBUFFER_COMPLETE
     return framebuffer
+
+
+def _mask_texture(size: tuple[int, int]) -> int:
+    texture = int(GL.glGenTextures(1))
+    GL.glBindTexture(GL.GL_TEXTURE_2D, texture)
+    GL.glTexImage2D(GL.GL_TEXTURE_2D, 0, GL.GL_R8, *size, 0, GL.GL_RED, GL.GL_UNSIGNED_BYTE, None)
+    for name in (GL.GL_TEXTURE_MIN_FILTER, GL.GL_TEXTURE_MAG_FILTER):
+        GL.glTexParameteri(GL.GL_TEXTURE_2D, name, GL.GL_NEAREST)
+    return texture
 
 
 def _shadow_map() -> tuple[int, int]:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import trimesh
+from numpy.typing import NDArray
 
 from pipeline.errors import PipelineError
 from pipeline.geometry.camera import PinholeCamera
@@ -47,6 +48,9 @@ SHADOW_DEPTH_M = 20.0
 
 CANVAS_MARGIN = 2
 """A silhouette is counted this many images beyond the image, to every side."""
+
+CREASE = 2e-6
+"""Second difference of the buffer's depth from which a pixel is a crease; its steps are 6e-8."""
 
 ROW_FLOATS = 4 * ROW_TEXELS
 
@@ -93,9 +97,10 @@ class Renderer:
         T_clip_w = clip_matrix(camera) @ np.linalg.inv(scene.T_w_c)
         size = {"width_px": camera.width_px, "height_px": camera.height_px}
         ids = self._passes.ids(draws, T_clip_w, **size)
-        depth_m = _metres(self._passes.depth())
-        rgba = self._passes.colour(draws, T_clip_w, scene.T_w_c[:3, 3], _light_table(scene))
-        return Rendering(rgb=_over(rgba, scene.background), instance_ids=ids, depth_m=depth_m)
+        depth = self._passes.depth()
+        lights = _light_table(scene)
+        rgba = self._passes.colour(draws, T_clip_w, scene.T_w_c[:3, 3], lights, _edges(ids, depth))
+        return Rendering(rgb=_over(rgba, scene.background), instance_ids=ids, depth_m=_metres(depth))
 
     def silhouette_px(self, scene: Scene) -> int:
         """How many pixels the robot alone covers on a canvas that reaches CANVAS_MARGIN images further.
@@ -188,6 +193,24 @@ def _tile(camera: PinholeCamera, x_px: int, y_px: int, width_px: int, height_px:
     )
 
 
+def _edges(ids: NDArray[np.int32], depth: Float32) -> NDArray[np.bool_]:
+    """(H, W) pixels at an outline or a crease, where one sample does not tell what the pixel shows.
+
+    The buffer's depth is linear in 1 / z, which a plane has linear across the image: where its second
+    difference is not zero, two surfaces meet.
+    """
+    edges = np.zeros(ids.shape, dtype=bool)
+    for axis in (0, 1):
+        image, changes = np.moveaxis(ids, axis, 0), np.moveaxis(edges, axis, 0)
+        differs = image[1:] != image[:-1]
+        changes[1:] |= differs
+        changes[:-1] |= differs
+        d = np.moveaxis(depth, axis, 0)
+        bend = np.abs(d[2:] + d[:-2] - 2.0 * d[1:-1]) > CREASE
+        changes[1:-1] |= bend
+    return edges
+
+
 def _metres(depth: Float32) -> Float32:
     """Depth of the buffer, 0..1, as distance along the camera's axis; inf where nothing is."""
     ndc = 2.0 * depth.astype(np.float64) - 1.0
@@ -221,19 +244,18 @@ def _row(i: int, instance: Instance, material: Material, layer: int) -> Row:
 def _light_table(scene: Scene) -> LightTable:
     from pipeline.rendering.passes import LightTable
 
-    shadows = [light for light in scene.lights if light.casts_shadow]
+    lights = sorted(scene.lights, key=lambda light: not light.casts_shadow)
     place, direction, colour = [], [], []
-    for light in scene.lights:
+    for light in lights:
         directional, spot = light.kind is LightKind.DIRECTIONAL, light.kind is LightKind.SPOT
         place.append((*light.T_w[:3, 3], 0.0 if directional else 1.0))
         direction.append((*-light.T_w[:3, 2], np.cos(light.cone_rad) if spot else -1.0))
-        shadow_map = shadows.index(light) if light.casts_shadow else -1
-        colour.append((*(light.intensity * np.array(light.colour_rgb)), shadow_map))
+        colour.append((*(light.intensity * np.array(light.colour_rgb)), 0.0))
     return LightTable(
         place=np.array(place, dtype=np.float32),
         direction=np.array(direction, dtype=np.float32),
         colour=np.array(colour, dtype=np.float32),
-        T_shadow_w=np.array([_shadow_matrix(light, scene.T_w_c) for light in shadows]),
+        T_shadow_w=np.array([_shadow_matrix(light, scene.T_w_c) for light in lights if light.casts_shadow]),
         ambient_rgb=np.array(scene.ambient_rgb),
     )
 

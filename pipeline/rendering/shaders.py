@@ -8,6 +8,8 @@ from pipeline.rendering.scene import MAX_LIGHTS, MAX_SHADOWS
 
 ROW_TEXELS = 5
 SHADOW_PX = 1024
+EDGE_SAMPLES = 2
+"""Across and down a pixel of an edge, against jags."""
 
 _HEADER = "#version 330 core\n"
 
@@ -72,7 +74,7 @@ void main() {{
 }}
 """
 
-SURFACE_FRAGMENT = f"""{_HEADER}
+_SHADE = f"""
 const float PI = 3.14159265;
 in vec3 p_w;
 in vec3 normal_w;
@@ -90,7 +92,7 @@ uniform vec3 ambient;
 uniform int light_count;
 uniform vec4 light_place[{MAX_LIGHTS}];      // position; w = 0 for a directional light
 uniform vec4 light_direction[{MAX_LIGHTS}];  // from the light; w = cosine of the cone, -1 for none
-uniform vec4 light_colour[{MAX_LIGHTS}];     // with the intensity; w = its shadow map, -1 for none
+uniform vec4 light_colour[{MAX_LIGHTS}];     // with the intensity
 layout(location = 0) out vec4 pixel;
 
 vec3 texture_colour(float layer) {{
@@ -102,15 +104,15 @@ vec3 texture_colour(float layer) {{
     return textureGrad(textures, vec3(at, layer), at_dx, at_dy).rgb;
 }}
 
-float lit(int map, vec3 n) {{
+float lit(sampler2DShadow map, mat4 T_map_w, vec3 n) {{
     // Looked up a little off the surface, so that it does not shade itself.
-    vec4 h = T_shadow_w[map] * vec4(p_w + 0.006 * n, 1.0);
+    vec4 h = T_map_w * vec4(p_w + 0.006 * n, 1.0);
     vec3 at = 0.5 * h.xyz / h.w + 0.5;
     if (any(lessThan(at, vec3(0.0))) || any(greaterThan(at, vec3(1.0)))) return 1.0;
     float sum = 0.0;
     for (int i = 0; i < 4; i++) {{
         vec3 tap = at + vec3(vec2(float(i & 1) - 0.5, float(i >> 1) - 0.5) * {1.4 / SHADOW_PX:.6f}, 0.0);
-        sum += map == 0 ? texture(shadow_0, tap) : texture(shadow_1, tap);
+        sum += texture(map, tap);
     }}
     return 0.25 * sum;
 }}
@@ -131,6 +133,18 @@ vec3 reflected(vec3 n, vec3 v, vec3 l, vec3 matt, vec3 f0, float alpha) {{
     return nl * ((1.0 - fresnel) * matt / PI + fresnel * (spread * visible));
 }}
 
+vec3 light(int i, vec3 n, vec3 v, vec3 matt, vec3 f0, float alpha) {{
+    vec3 to_light = light_place[i].xyz - p_w;
+    float distance_2 = max(dot(to_light, to_light), 0.01);
+    bool parallel = light_place[i].w == 0.0;
+    vec3 l = parallel ? -light_direction[i].xyz : to_light * inversesqrt(distance_2);
+    float cone = light_direction[i].w;
+    float across = dot(-l, light_direction[i].xyz);
+    float inside = cone > -1.0 ? smoothstep(cone, mix(cone, 1.0, 0.35), across) : 1.0;
+    float falloff = parallel ? 1.0 : inside / distance_2;
+    return falloff * light_colour[i].rgb * reflected(n, v, l, matt, f0, alpha);
+}}
+
 void main() {{
     vec3 base = colour_metallic.rgb * tint;
     if (roughness_layer.y >= 0.0) base *= texture_colour(roughness_layer.y);
@@ -143,21 +157,29 @@ void main() {{
     vec3 v = normalize(camera_w - p_w);
     // Light from everywhere, some more of it from above; metal shows it as a mirror image.
     vec3 sum = ambient * (matt * (0.8 + 0.2 * n.z) + f0 * (0.7 + 0.3 * reflect(-v, n).z));
-    for (int i = 0; i < light_count; i++) {{
-        vec3 to_light = light_place[i].xyz - p_w;
-        float falloff = 1.0;
-        vec3 l = -light_direction[i].xyz;
-        if (light_place[i].w > 0.0) {{
-            l = normalize(to_light);
-            falloff = 1.0 / max(dot(to_light, to_light), 0.01);
-            float cone = light_direction[i].w;
-            float across = dot(-l, light_direction[i].xyz);
-            if (cone > -1.0) falloff *= smoothstep(cone, mix(cone, 1.0, 0.35), across);
-        }}
-        if (falloff < 1e-4 || dot(n, l) <= 0.0) continue;
-        if (light_colour[i].w >= 0.0) falloff *= lit(int(light_colour[i].w), n);
-        sum += falloff * light_colour[i].rgb * reflected(n, v, l, matt, f0, alpha);
-    }}
+    SHADOWED_LIGHTS
+    for (int i = SHADOWS; i < light_count; i++) sum += light(i, n, v, matt, f0, alpha);
     pixel = vec4(pow(min(sum, 1.0), vec3(1.0 / 2.2)), 1.0);
 }}
 """
+
+MASK_VERTEX = f"""{_HEADER}
+void main() {{ gl_Position = vec4(gl_VertexID == 1 ? 3.0 : -1.0, gl_VertexID == 2 ? 3.0 : -1.0, -1.0, 1.0); }}
+"""
+
+MASK_FRAGMENT = f"""{_HEADER}
+uniform sampler2D mask;
+void main() {{ if (texelFetch(mask, ivec2(gl_FragCoord.xy) / {EDGE_SAMPLES}, 0).r > 0.0) discard; }}
+"""
+
+
+def surface_fragment(*, shadows: int) -> str:
+    """The program for lights of which the first `shadows` throw some.
+
+    One each, because on the CPU the code for shadows takes its time for lights that have none, too.
+    """
+    lit = "\n    ".join(
+        f"sum += lit(shadow_{i}, T_shadow_w[{i}], n) * light({i}, n, v, matt, f0, alpha);"
+        for i in range(shadows)
+    )
+    return _HEADER + _SHADE.replace("SHADOWED_LIGHTS", lit).replace("SHADOWS", str(shadows))
