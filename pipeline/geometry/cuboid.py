@@ -43,7 +43,7 @@ def project_cuboid(T_c_o: Array, size_m: Vec3, camera: PinholeCamera) -> Array:
 def pose_from_cuboid(uv_px: Array, size_m: Vec3, camera: PinholeCamera) -> Array | None:
     """(4, 4) `T_c_o` whose cuboid projects to the points: perspective-n-point over those that are known.
 
-    SQPnP, then least squares on the pixels. (DOPE's solver is EPnP alone, which is far off the more often, the
+    SQPnP, then least squares on the pixels. (DOPE's solver is EPnP alone, which is far off the more often the
     fewer points are known.) Four corners of one plane through the centroid leave two poses to choose from.
 
     Args:
