@@ -1,0 +1,172 @@
+"""Scenes that need not be plausible: the robot at any pose before any background, as DOPE's authors mix in.
+
+The camera looks along the x axis of w from 1 m above its origin; the robot and small things hang in the air.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from pipeline.geometry.camera import PinholeCamera, camera_pose, rotation_from_rpy
+from pipeline.geometry.se2 import Array
+from pipeline.rendering import materials
+from pipeline.rendering.backgrounds import draw_background
+from pipeline.rendering.distractors import draw_thing
+from pipeline.rendering.effects import draw_effects
+from pipeline.rendering.lighting import SHADOW_SHARE, free_lighting
+from pipeline.rendering.plan_scene import QUAD
+from pipeline.rendering.randomise import (
+    ABSENT_SHARE,
+    OCCLUDED_SHARE,
+    ROBOT,
+    Drawn,
+    PlacedThing,
+    RobotLooks,
+    drawn_record,
+    thing_instances,
+)
+from pipeline.rendering.record import plain
+from pipeline.rendering.scene import Image, Instance, Material, Scene
+from pipeline.rendering.viewpoints import MAX_RANGE_M, MIN_RANGE_M
+from pipeline.simulation.robot import RobotSpec
+
+T_W_C: Array = camera_pose(np.array([0.0, 0.0, 1.0]), np.zeros(3))
+GROUND_SHARE = 0.5
+MAX_THINGS = 7
+
+
+def draw_free(
+    rng: np.random.Generator,
+    looks: RobotLooks,
+    camera: PinholeCamera,
+    textures: Mapping[str, Image],
+    *,
+    variants: int,
+    photos: Sequence[Image] = (),
+) -> Drawn:
+    """The robot at any pose, half the time on a ground, with things around it.
+
+    Args:
+        rng: draws everything.
+        looks: the robot.
+        camera: intrinsics.
+        textures: the texture pool.
+        variants: textures of each kind in it.
+        photos: (H, W, 3) uint8 to stand behind the scene; procedural rooms if there are none.
+    """
+    absent = bool(rng.random() < ABSENT_SHARE)
+    T_w_r1 = draw_pose(rng, looks.spec, camera)
+    centre_w = (T_w_r1 @ looks.spec.cuboid.T_r_o())[:3, 3]
+    things = _things_around(rng, centre_w, looks.spec, camera, variants=variants)
+    surfaces: dict[str, Material] = {}
+    if rng.random() < GROUND_SHARE:
+        surfaces["ground"] = materials.any_texture_material(rng, variants)
+    ground_m = float(rng.uniform(1.0, 6.0))
+    lighting = free_lighting(rng, target_m=centre_w, shadow=bool(rng.random() < SHADOW_SHARE))
+    worn = looks.worn(rng, extent=1.5)
+    effects = draw_effects(rng, light_k=lighting.temperature_k())
+    background, background_kind = draw_background(
+        rng, textures, photos, width_px=camera.width_px, height_px=camera.height_px
+    )
+    instances = [
+        *(_ground(T_w_r1, ground_m, material) for material in surfaces.values()),
+        *thing_instances(things),
+        *(() if absent else looks.instances(T_w_r1, worn)),
+    ]
+    scene = Scene(
+        camera=camera,
+        T_w_c=T_W_C,
+        instances=tuple(instances),
+        lights=tuple(lamp.light() for lamp in lighting.lamps),
+        ambient_rgb=lighting.ambient_rgb,
+        background=background,
+        robot=None if absent else ROBOT,
+    )
+    drawn = {"absent": absent, "T_w_r1": T_w_r1, "ground_side_m": ground_m, "background": background_kind}
+    record = {
+        "mode": "free",
+        **{key: plain(value) for key, value in drawn.items()},
+        **drawn_record(lighting, surfaces, worn, things, effects),
+    }
+    return Drawn(scene=scene, effects=effects, record=record)
+
+
+def draw_pose(rng: np.random.Generator, seen: RobotSpec, camera: PinholeCamera) -> Array:
+    """(4, 4) `T_w_r1`: distance and pixel uniform, the latter also a little outside the image.
+
+    Any heading; the camera looks down on three in four by up to 55 degrees and rolls by about 8, the others
+    are turned in any way (uniform on SO(3)).
+    """
+    range_m = rng.uniform(MIN_RANGE_M, MAX_RANGE_M)
+    margin_px = 0.35 * camera.fx_px * seen.size_m[1] / range_m
+    u_px = rng.uniform(-margin_px, camera.width_px + margin_px)
+    v_px = rng.uniform(-margin_px, camera.height_px + margin_px)
+    T_w_o = np.eye(4)
+    T_w_o[:3, 3] = _at(camera, u_px, v_px, range_m)
+    if rng.random() < 0.75:
+        roll_rad, down_rad = rng.normal(0.0, 0.14), rng.uniform(-0.1, 0.96)
+        level = rotation_from_rpy(0.0, 0.0, rng.uniform(-math.pi, math.pi))
+        T_w_o[:3, :3] = rotation_from_rpy(roll_rad, -down_rad, 0.0) @ level
+    else:
+        T_w_o[:3, :3] = _any_rotation(rng)
+    T_w_r1: Array = T_w_o @ np.linalg.inv(seen.cuboid.T_r_o())
+    return T_w_r1
+
+
+def _at(camera: PinholeCamera, u_px: float, v_px: float, range_m: float) -> Array:
+    """(3,) [m] in w: what is this far away at this pixel."""
+    ray_c = np.array([(u_px - camera.cx_px) / camera.fx_px, (v_px - camera.cy_px) / camera.fy_px, 1.0])
+    place: Array = T_W_C[:3, :3] @ (range_m * ray_c / np.linalg.norm(ray_c)) + T_W_C[:3, 3]
+    return place
+
+
+def _any_rotation(rng: np.random.Generator) -> Array:
+    """(3, 3) uniform on SO(3): a unit quaternion of normal draws."""
+    w, x, y, z = (q := rng.normal(size=4)) / np.linalg.norm(q)
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+def _ground(T_w_r1: Array, side_m: float, material: Material) -> Instance:
+    """A square under the wheels; seen from above only."""
+    return Instance(
+        name="ground", mesh=QUAD, T_w=T_w_r1 @ np.diag([side_m, side_m, 1.0, 1.0]), material=material
+    )
+
+
+def _things_around(
+    rng: np.random.Generator, centre_w: Array, seen: RobotSpec, camera: PinholeCamera, *, variants: int
+) -> tuple[PlacedThing, ...]:
+    """Up to seven anywhere in view, and in a third of images one before the robot, at its side."""
+    eye_w = T_W_C[:3, 3]
+    robot_m = 0.5 * float(np.linalg.norm(seen.cuboid.size_m))
+    count, before = int(rng.integers(MAX_THINGS + 1)), bool(rng.random() < OCCLUDED_SHARE)
+    placed: list[PlacedThing] = []
+    for i in range(count + before):
+        thing = draw_thing(rng, variants=variants)
+        reach_m = math.hypot(thing.radius_m, 0.5 * thing.height_m)
+        if i == 0 and before:
+            share = rng.uniform(0.45, 0.8)
+            aside = _any_rotation(rng)[0] * (reach_m + 0.5 * share * robot_m) * rng.uniform(0.4, 1.0)
+            at_w = eye_w + share * (centre_w - eye_w) + aside
+        else:
+            u_px, v_px = rng.uniform(0.0, camera.width_px), rng.uniform(0.0, camera.height_px)
+            at_w = _at(camera, u_px, v_px, rng.uniform(0.6, 5.0))
+        if (
+            np.linalg.norm(at_w - centre_w) < reach_m + robot_m
+            or np.linalg.norm(at_w - eye_w) < 2.0 * reach_m
+        ):
+            continue
+        T_w_t = np.eye(4)
+        T_w_t[:3, :3] = _any_rotation(rng)
+        T_w_t[:3, 3] = at_w - T_w_t[:3, 2] * 0.5 * thing.height_m
+        placed.append(PlacedThing(thing=thing, T_w_t=T_w_t))
+    return tuple(placed)

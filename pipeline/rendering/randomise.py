@@ -1,0 +1,288 @@
+"""Scenes drawn at random: the robot in furnished rooms, or anywhere before any background.
+
+`draw_plausible` and `draw_free` give training images, `room_scene` the view of a robot whose pose is known.
+All randomness comes from the rng; everything drawn is in the record.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+
+from pipeline.geometry.camera import camera_pose, se3_from_se2
+from pipeline.geometry.se2 import SE2, Array
+from pipeline.rendering import materials
+from pipeline.rendering.distractors import Thing, draw_thing, place_on_floor
+from pipeline.rendering.effects import CameraEffects, draw_effects
+from pipeline.rendering.lighting import SHADOW_SHARE, Lighting, room_lighting
+from pipeline.rendering.plan_scene import plan_instances
+from pipeline.rendering.record import JsonValue, plain
+from pipeline.rendering.scene import Instance, Material, Scene
+from pipeline.rendering.viewpoints import FurnishedPlan, Meeting, draw_meeting
+from pipeline.simulation.robot import RobotSpec
+
+ROBOT = "r1"
+"""Name of the robot that labels are about."""
+
+ABSENT_SHARE = 0.05
+OCCLUDED_SHARE = 0.35
+"""Shares of images without the robot, and with a thing put before it."""
+
+VIEW_M = 4.5
+"""How far away small things are still worth drawing."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RobotLooks:
+    """The robot that labels are about.
+
+    Attributes:
+        spec: its dimensions.
+        parts: the material of each of its parts, as built, by mesh key; meshes are in its frame.
+    """
+
+    spec: RobotSpec
+    parts: Mapping[str, Material]
+
+    def instances(self, T_w_r1: Array, worn: Mapping[str, Material]) -> tuple[Instance, ...]:
+        """Its parts at a pose (4, 4), in these materials."""
+        return tuple(
+            Instance(name=f"{ROBOT}/{key.rsplit('/', 1)[-1]}", mesh=key, T_w=T_w_r1, material=material)
+            for key, material in worn.items()
+        )
+
+    def worn(self, rng: np.random.Generator, *, extent: float) -> Mapping[str, Material]:
+        """Its materials, each part a little different from how it was built."""
+        return {key: materials.worn(rng, material, extent=extent) for key, material in self.parts.items()}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RoomLooks:
+    """What a furnished plan is made of: drawn once per episode, so that its pictures agree.
+
+    Attributes:
+        floor, ceiling: their materials.
+        walls: one per edge of the plan.
+        furniture: one per solid.
+    """
+
+    floor: Material
+    ceiling: Material
+    walls: tuple[Material, ...]
+    furniture: tuple[Material, ...]
+
+    def of(self, category: str, part: int) -> Material:
+        """As `plan_instances` asks for it."""
+        if category in ("floor", "ceiling"):
+            return self.floor if category == "floor" else self.ceiling
+        return self.walls[part] if category == "wall" else self.furniture[part]
+
+
+def draw_room_looks(rng: np.random.Generator, place: FurnishedPlan, *, variants: int) -> RoomLooks:
+    """One material for most walls and another for one in seven; furniture by what it is."""
+    main, accent = materials.wall_material(rng, variants), materials.wall_material(rng, variants)
+    other = rng.random(len(place.plan.edges_m())) < 1.0 / 7.0
+    return RoomLooks(
+        floor=materials.floor_material(rng, variants),
+        ceiling=materials.ceiling_material(rng, variants),
+        walls=tuple(accent if is_other else main for is_other in other),
+        furniture=materials.furniture_materials(rng, place.furniture, variants=variants),
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlacedThing:
+    """A small thing and its pose (4, 4) in w."""
+
+    thing: Thing
+    T_w_t: Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Drawn:
+    """A scene, what its camera does to the picture, and all that was drawn, as plain JSON."""
+
+    scene: Scene
+    effects: CameraEffects
+    record: Mapping[str, JsonValue]
+
+
+def draw_plausible(
+    rng: np.random.Generator,
+    place: FurnishedPlan,
+    looks: RobotLooks,
+    observer: RobotSpec,
+    *,
+    variants: int,
+) -> Drawn:
+    """The robot on the floor of a furnished room, seen by the camera of another robot on that floor.
+
+    Args:
+        rng: draws everything.
+        place: a furnished plan.
+        looks: the robot that may be seen.
+        observer: the robot that carries the camera.
+        variants: textures of each kind in the pool.
+
+    Raises:
+        FloorplanError: there is no room for two robots.
+    """
+    absent = bool(rng.random() < ABSENT_SHARE)
+    meeting = draw_meeting(rng, place, observer, looks.spec, absent=absent)
+    room_looks = draw_room_looks(rng, place, variants=variants)
+    # Normal: a robot stands within 3 mm and 0.7 degrees of how it was built.
+    shift_m, roll_rad, pitch_rad = rng.normal(0.0, [0.003, 0.012, 0.012]).tolist()
+    T_r0_c = observer.camera.T_r_c() @ camera_tilt(roll_rad, pitch_rad)
+    T_r0_c[2, 3] += shift_m
+    things = _things_on_floor(rng, place, meeting, observer, looks.spec, variants=variants)
+    drawn = room_scene(
+        rng, place, room_looks, looks, observer, T_w_c=se3_from_se2(meeting.T_w_r0) @ T_r0_c,
+        T_w_r1=meeting.T_w_r1, things=things,
+    )  # fmt: skip
+    camera = {"height_shift_m": shift_m, "roll_rad": roll_rad, "pitch_rad": pitch_rad}
+    record = {"mode": "plausible", "meeting": plain(meeting), "camera": plain(camera), **drawn.record}
+    return Drawn(scene=drawn.scene, effects=drawn.effects, record=record)
+
+
+def camera_tilt(roll_rad: float, pitch_rad: float) -> Array:
+    """(4, 4) turn of a camera in its own axes: pitch lowers its view, roll lowers its right side."""
+    level = camera_pose(np.zeros(3), np.zeros(3))
+    tilted = camera_pose(np.zeros(3), np.array([roll_rad, pitch_rad, 0.0]))
+    turn: Array = np.linalg.inv(level) @ tilted
+    return turn
+
+
+def room_scene(
+    rng: np.random.Generator,
+    place: FurnishedPlan,
+    room_looks: RoomLooks,
+    looks: RobotLooks,
+    observer: RobotSpec,
+    *,
+    T_w_c: Array,
+    T_w_r1: SE2 | None,
+    things: Sequence[PlacedThing] = (),
+) -> Drawn:
+    """What a camera in a furnished plan sees; light, the robot's wear and the effects are drawn.
+
+    Args:
+        rng: draws them.
+        place: where.
+        room_looks: what the plan is made of.
+        looks: the robot that may be seen.
+        observer: the robot that carries the camera.
+        T_w_c: (4, 4) pose of the camera.
+        T_w_r1: pose of the robot that may be seen; None if it is not there.
+        things: what lies about.
+    """
+    lighting = room_lighting(
+        rng,
+        places_m=_lamp_places(rng, place, T_w_c),
+        ceiling_m=place.wall_height_m,
+        shadow=bool(rng.random() < SHADOW_SHARE),
+    )
+    worn = looks.worn(rng, extent=1.0)
+    effects = draw_effects(rng, light_k=lighting.temperature_k())
+    instances = [
+        *plan_instances(
+            place.plan, place.furniture, wall_height_m=place.wall_height_m, material_of=room_looks.of
+        ),
+        *thing_instances(things),
+        *(looks.instances(se3_from_se2(T_w_r1), worn) if T_w_r1 else ()),
+    ]
+    scene = Scene(
+        camera=observer.camera.intrinsics(),
+        T_w_c=T_w_c,
+        instances=tuple(instances),
+        lights=tuple(lamp.light() for lamp in lighting.lamps),
+        ambient_rgb=lighting.ambient_rgb,
+        robot=ROBOT if T_w_r1 else None,
+    )
+    return Drawn(
+        scene=scene, effects=effects, record=drawn_record(lighting, room_looks, worn, things, effects)
+    )
+
+
+def drawn_record(
+    lighting: Lighting,
+    surfaces: RoomLooks | Mapping[str, Material],
+    worn: Mapping[str, Material],
+    things: Sequence[PlacedThing],
+    effects: CameraEffects,
+) -> dict[str, JsonValue]:
+    """What all modes draw."""
+    return {
+        "lighting": plain(lighting),
+        "surfaces": plain(surfaces),
+        "robot": plain(worn),
+        "things": plain(list(things)),
+        "effects": plain(effects),
+    }
+
+
+def thing_instances(things: Sequence[PlacedThing]) -> list[Instance]:
+    """Their parts, named `thing-0-kind/0` and so on."""
+    return [
+        instance
+        for i, placed in enumerate(things)
+        for instance in placed.thing.instances(placed.T_w_t, name=f"thing-{i}-{placed.thing.kind}")
+    ]
+
+
+def _lamp_places(rng: np.random.Generator, place: FurnishedPlan, T_w_c: Array) -> Array:
+    """(3, 2) [m]: floor of the room before the camera, over which lamps may hang; else over the camera."""
+    eye_m = T_w_c[:2, 3]
+    # Uniform in distance and in bearing, up to a right angle from where the camera looks.
+    away_m, bearing_rad = rng.uniform(0.3, 3.5, 40), rng.uniform(-0.5 * math.pi, 0.5 * math.pi, 40)
+    bearing_rad += math.atan2(T_w_c[1, 2], T_w_c[0, 2])
+    places_m = eye_m + away_m[:, None] * np.stack([np.cos(bearing_rad), np.sin(bearing_rad)], axis=1)
+    lines = shapely.linestrings(np.stack([np.broadcast_to(eye_m, places_m.shape), places_m], axis=1))
+    inside_m = places_m[shapely.covers(place.plan.free_space(), lines)]
+    return np.concatenate([inside_m, np.repeat(eye_m[None], 3, axis=0)])[:3]
+
+
+def _things_on_floor(
+    rng: np.random.Generator,
+    place: FurnishedPlan,
+    meeting: Meeting,
+    observer: RobotSpec,
+    seen: RobotSpec,
+    *,
+    variants: int,
+) -> tuple[PlacedThing, ...]:
+    """A few in view, Poisson with mean 3; in a third of images one before the robot, to hide a part of it."""
+    robots = [(meeting.T_w_r0, observer), (meeting.T_w_r1, seen)]
+    taken = [(pose.x_m, pose.y_m, spec.radius_m + 0.01) for pose, spec in robots if pose is not None]
+    before = meeting.T_w_r1 is not None and bool(rng.random() < OCCLUDED_SHARE)
+    placed: list[PlacedThing] = []
+    for i in range(int(rng.poisson(3.0)) + before):
+        thing = draw_thing(rng, variants=variants)
+        hides = i == 0 and before
+        xy_m = _before(rng, meeting, thing, seen) if hides else _in_view(rng, meeting.T_w_r0)
+        pose = place_on_floor(rng, thing, free=place.floor, xy_m=xy_m, taken=taken)
+        if pose is not None:
+            taken.append((pose.x_m, pose.y_m, thing.radius_m))
+            placed.append(PlacedThing(thing=thing, T_w_t=se3_from_se2(pose)))
+    return tuple(placed)
+
+
+def _in_view(rng: np.random.Generator, T_w_r0: SE2) -> Array:
+    """(16, 2) [m]: distance and bearing uniform."""
+    away_m, bearing_rad = rng.uniform(0.4, VIEW_M, 16), rng.uniform(-0.55, 0.55, 16)
+    return T_w_r0 @ (away_m[:, None] * np.stack([np.cos(bearing_rad), np.sin(bearing_rad)], axis=1))
+
+
+def _before(rng: np.random.Generator, meeting: Meeting, thing: Thing, seen: RobotSpec) -> Array:
+    """(16, 2) [m]: between the robots, to the side of the line by up to what leaves them in touch."""
+    assert meeting.T_w_r1 is not None
+    eye_m, target_m = meeting.T_w_r0.as_array()[:2], meeting.T_w_r1.as_array()[:2]
+    share = rng.uniform(0.3, 0.95, 16)[:, None]
+    # The nearer to the eye, the narrower the cone in which the robot is.
+    reach_m = thing.radius_m + share * 0.5 * seen.size_m[1]
+    aside_m = rng.choice([-1.0, 1.0], 16)[:, None] * rng.uniform(0.3, 1.0, 16)[:, None] * reach_m
+    along = (target_m - eye_m) / np.linalg.norm(target_m - eye_m)
+    return eye_m + share * (target_m - eye_m) + aside_m * np.array([-along[1], along[0]])
