@@ -82,7 +82,7 @@ def robot_glb(parts: Mapping[str, tuple[trimesh.Trimesh, Material]]) -> bytes:
     """
     scene = trimesh.Scene()
     for name, (mesh, material) in sorted(parts.items()):
-        creased = creased_mesh(np.round(mesh.vertices, 6), np.asarray(mesh.faces))
+        creased = creased_mesh(_rounded(mesh.vertices, 6), np.asarray(mesh.faces))
         creased.visual = trimesh.visual.TextureVisuals(
             material=PBRMaterial(
                 name=name,
@@ -169,11 +169,16 @@ def creased_mesh(vertices: Array, faces: NDArray[np.int64]) -> trimesh.Trimesh:
     normal = area / length[:, None]
     corner_vertex, corner_face = faces.ravel(), np.repeat(np.arange(len(faces)), 3)
     normals = _corner_normals(corner_vertex, corner_face, normal, area)
-    rows = np.column_stack([vertices[corner_vertex], np.round(normals, 4)])
+    rows = np.column_stack([vertices[corner_vertex], _rounded(normals, 4)])
     unique, index = np.unique(rows, axis=0, return_inverse=True)
     return trimesh.Trimesh(
         vertices=unique[:, :3], faces=index.reshape(-1, 3), vertex_normals=unique[:, 3:], process=False
     )
+
+
+def _rounded(values: Array, decimals: int) -> Array:
+    """Rounded, and without negative zeros, whose sign is that of the noise."""
+    return np.round(values, decimals) + 0.0
 
 
 def _corner_normals(

@@ -70,7 +70,7 @@ def test_wheels_have_the_place_and_size_that_physics_uses(burger):
 
 def test_the_lenses_are_where_the_robot_file_puts_the_camera(burger):
     camera = load_robot("burger").camera
-    lenses = burger["camera_lenses"]
+    lenses = burger["lenses"]
     in_front = lenses.vertices[lenses.vertices[:, 0] > camera.xyz_m[0]]
     from_axis_m = np.hypot(in_front[:, 1] - camera.xyz_m[1], in_front[:, 2] - camera.xyz_m[2])
     assert from_axis_m.min() < 1e-6

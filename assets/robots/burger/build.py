@@ -29,15 +29,15 @@ MATERIALS = {
     "board_pi": Material(base_colour_rgb=(0.01, 0.18, 0.05), roughness=0.5),
     "camera_body": Material(base_colour_rgb=(0.62, 0.63, 0.65), metallic=0.7, roughness=0.35),
     "camera_face": Material(base_colour_rgb=(0.012, 0.012, 0.014), roughness=0.12),
-    "camera_lenses": Material(base_colour_rgb=(0.10, 0.04, 0.12), metallic=0.4, roughness=0.08),
     "caster": Material(base_colour_rgb=(0.75, 0.75, 0.76), metallic=0.8, roughness=0.3),
     "chips": Material(base_colour_rgb=(0.02, 0.02, 0.02), roughness=0.4),
     "connectors": Material(base_colour_rgb=(0.66, 0.66, 0.68), metallic=0.85, roughness=0.35),
+    "housings": Material(base_colour_rgb=(0.05, 0.05, 0.055), roughness=0.5),
     "label": Material(base_colour_rgb=(0.75, 0.55, 0.05), roughness=0.5),
+    "lenses": Material(base_colour_rgb=(0.10, 0.04, 0.12), metallic=0.4, roughness=0.08),
     "lidar_base": Material(base_colour_rgb=(0.045, 0.045, 0.05), roughness=0.55),
     "lidar_head": Material(base_colour_rgb=(0.025, 0.025, 0.03), roughness=0.3),
     "lidar_window": Material(base_colour_rgb=(0.035, 0.012, 0.016), roughness=0.08),
-    "motors": Material(base_colour_rgb=(0.05, 0.05, 0.055), roughness=0.5),
     "plates": Material(base_colour_rgb=(0.032, 0.033, 0.036), roughness=0.6),
     "rims": Material(base_colour_rgb=(0.16, 0.165, 0.17), roughness=0.5),
     "standoffs": Material(base_colour_rgb=(0.55, 0.55, 0.57), metallic=0.8, roughness=0.35),
@@ -135,7 +135,7 @@ def wheels(robot: Burger) -> None:
         robot.revolve("connectors", hub, 10, at(0, side * outside_m, radius_m, z_axis=(0, side, 0)))
         inner_m = 0.5 * (spec.track_m - width_m)
         centre_x_m = MOTOR_AXLE_M - 0.5 * MOTOR_M[0]
-        robot.box("motors", MOTOR_M, (centre_x_m, side * (inner_m - 0.5 * MOTOR_M[1] - 0.001), radius_m))
+        robot.box("housings", MOTOR_M, (centre_x_m, side * (inner_m - 0.5 * MOTOR_M[1] - 0.001), radius_m))
 
 
 def caster(robot: Burger) -> None:
@@ -146,7 +146,7 @@ def caster(robot: Burger) -> None:
     robot.revolve("caster", arc, 16, at(spec.x_m, 0, 0))
     low_m = 0.55 * robot.spec.chassis.bottom_z_m
     housing = [(1.05 * r, low_m), (1.35 * r, low_m), (1.35 * r, 2.05 * r), (0, 2.05 * r)]
-    robot.revolve("motors", housing, 16, at(spec.x_m, 0, 0))
+    robot.revolve("housings", housing, 16, at(spec.x_m, 0, 0))
 
 
 def battery_and_opencr(robot: Burger) -> None:
@@ -224,7 +224,7 @@ def lidar(robot: Burger) -> None:
     for y_m, radius_m in ((0.012, 0.0042), (-0.012, 0.0034)):
         eye = [(0, 0), (radius_m, 0), (radius_m, 0.0012), (0, 0.0012)]
         frame = at(spec.x_m + 0.84 * r, y_m, 0.5 * (below_m + above_m), z_axis=(1, 0, 0))
-        robot.revolve("camera_lenses", eye, 14, frame)
+        robot.revolve("lenses", eye, 14, frame)
     rib = (0.004, 0.020, above_m - below_m)
     robot.box("lidar_head", rib, (spec.x_m - 0.88 * r, 0, 0.5 * (below_m + above_m)))
 
@@ -249,10 +249,10 @@ def camera(robot: Burger) -> None:
         ring = [(0.72 * radius_m, 0), (radius_m, 0), (radius_m, 0.0005), (0.72 * radius_m, 0.0005)]
         robot.revolve("connectors", [*ring, ring[0]], 20, face)
         glass = [(0.72 * radius_m, 0), (0.4 * radius_m, 0.0003), (0, 0.0004)]
-        robot.revolve("camera_lenses", glass, 20, face)
+        robot.revolve("lenses", glass, 20, face)
     gap_m = z_m - half_m - robot.tops_m[2]
     foot_m = (x_m - 0.5 * depth_m, centre_y_m, z_m - half_m - 0.5 * gap_m)
-    robot.box("motors", (0.016, 0.030, gap_m), foot_m)
+    robot.box("housings", (0.016, 0.030, gap_m), foot_m)
 
 
 def burger_glb(spec: RobotSpec) -> bytes:
