@@ -129,13 +129,16 @@ class Passes:
         GL.glViewport(0, 0, *self._fine_size)
         GL.glClear(GL.GL_COLOR_BUFFER_BIT | GL.GL_DEPTH_BUFFER_BIT)
         self._hide_all_but(edges)
+        self._draw(self._depth_program, draws, T_clip_w)
+        GL.glColorMask(*4 * [GL.GL_TRUE])
+        GL.glDepthFunc(GL.GL_LEQUAL)
         self._draw(program, draws, T_clip_w)
         self._average()
         rgba[edges] = self._read_colour()[edges]
         return rgba
 
     def _hide_all_but(self, edges: Mask) -> None:
-        """Put the nearest depth wherever nothing is to be drawn."""
+        """Put the nearest depth wherever nothing is to be drawn, and leave colours shut."""
         GL.glActiveTexture(GL.GL_TEXTURE0 + MASK_UNIT)
         GL.glBindTexture(GL.GL_TEXTURE_2D, self._mask_texture)
         GL.glPixelStorei(GL.GL_UNPACK_ALIGNMENT, 1)
@@ -156,7 +159,6 @@ class Passes:
         GL.glDisable(GL.GL_CULL_FACE)
         GL.glBindVertexArray(self._empty_array)
         GL.glDrawArrays(GL.GL_TRIANGLES, 0, 3)
-        GL.glColorMask(*4 * [GL.GL_TRUE])
 
     def _draw_ids(self, draws: Sequence[Draw], T_clip_w: Array, width_px: int, height_px: int) -> None:
         GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._id_buffer)

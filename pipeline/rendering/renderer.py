@@ -213,9 +213,10 @@ def _edges(ids: NDArray[np.int32], depth: Float32) -> NDArray[np.bool_]:
 
 def _metres(depth: Float32) -> Float32:
     """Depth of the buffer, 0..1, as distance along the camera's axis; inf where nothing is."""
-    ndc = 2.0 * depth.astype(np.float64) - 1.0
-    depth_m = 2.0 * FAR_M * NEAR_M / (FAR_M + NEAR_M - ndc * (FAR_M - NEAR_M))
-    return np.where(depth < 1.0, depth_m, np.inf).astype(np.float32)
+    # FAR_M * (1 - depth) is exact enough: where float32 has little left of it, things are tens of metres away.
+    depth_m = (FAR_M * NEAR_M) / (FAR_M - depth * np.float32(FAR_M - NEAR_M))
+    depth_m[depth >= 1.0] = np.inf
+    return depth_m
 
 
 def _over(rgba: Image, background: Image | None) -> Image:
@@ -247,7 +248,7 @@ def _light_table(scene: Scene) -> LightTable:
     lights = sorted(scene.lights, key=lambda light: not light.casts_shadow)
     place, direction, colour = [], [], []
     for light in lights:
-        directional, spot = light.kind is LightKind.DIRECTIONAL, light.kind is LightKind.SPOT
+        directional, spot = light.kind == LightKind.DIRECTIONAL, light.kind == LightKind.SPOT
         place.append((*light.T_w[:3, 3], 0.0 if directional else 1.0))
         direction.append((*-light.T_w[:3, 2], np.cos(light.cone_rad) if spot else -1.0))
         colour.append((*(light.intensity * np.array(light.colour_rgb)), 0.0))
@@ -264,7 +265,7 @@ def _shadow_matrix(light: Light, T_w_c: Array) -> Array:
     """(4, 4) from w to the clip space of what the light sees."""
     # A light's axes are OpenGL's (y up, shines along -z); with y down and z forward it is a camera of ours.
     T_w_l = light.T_w @ np.diag([1.0, -1.0, -1.0, 1.0])
-    if light.kind is LightKind.SPOT:
+    if light.kind == LightKind.SPOT:
         focal = 1.0 / np.tan(light.cone_rad)
         camera = PinholeCamera(
             fx_px=0.5 * focal, fy_px=0.5 * focal, cx_px=0.0, cy_px=0.0, width_px=1, height_px=1

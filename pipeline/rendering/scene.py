@@ -106,7 +106,7 @@ class Light:
     cone_rad: float = 0.7
 
     def __post_init__(self) -> None:
-        if self.casts_shadow and self.kind is LightKind.POINT:
+        if self.casts_shadow and self.kind == LightKind.POINT:
             raise PipelineError("light: a point light throws no shadow; make it a spot")
 
 

@@ -43,4 +43,5 @@ def robot_view(instance_ids: NDArray[np.int32], robot_ids: Sequence[int], *, sil
 def _box_around(mask: NDArray[np.bool_]) -> Box:
     """The pixels' outer edges: a pixel reaches half a pixel around its centre."""
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-    return columns[0] - 0.5, rows[0] - 0.5, columns[-1] + 0.5, rows[-1] + 0.5
+    x0, y0, x1, y1 = (float(i) for i in (columns[0], rows[0], columns[-1], rows[-1]))
+    return x0 - 0.5, y0 - 0.5, x1 + 0.5, y1 + 0.5

@@ -1,0 +1,19 @@
+"""One renderer for all tests; where its libraries are missing, tests that draw are skipped."""
+
+from __future__ import annotations
+
+import pytest
+
+from pipeline.errors import SetupError
+from pipeline.rendering.gl import check_libraries
+from pipeline.rendering.renderer import Renderer
+from tests.rendering.scenes import CAMERA, pool, textures
+
+
+@pytest.fixture(scope="session")
+def renderer() -> Renderer:
+    try:
+        check_libraries()
+    except SetupError as error:
+        pytest.skip(str(error))
+    return Renderer(pool(), textures(), width_px=CAMERA.width_px, height_px=CAMERA.height_px)

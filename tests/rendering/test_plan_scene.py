@@ -1,0 +1,86 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import trimesh
+
+from pipeline.floorplan.furnish import furnish
+from pipeline.floorplan.records import Shape, Solid
+from pipeline.floorplan.walls import wall_boxes
+from pipeline.rendering.plan_scene import plan_instances, plan_meshes, solid_instance
+from pipeline.rendering.renderer import Renderer
+from pipeline.rendering.scene import Material, Scene
+from pipeline.seeds import stream
+from tests.floorplan.plans import TWO_ROOMS, generated, plan_of
+from tests.rendering.scenes import GREY, WHITE, facing_x, looking_down, scene_of, sun
+
+HEIGHT_M = 2.5
+
+
+def material_of(category: str, part: int) -> Material:
+    return WHITE if category == "wall" else GREY
+
+
+@pytest.mark.parametrize("shape", list(Shape))
+def test_a_stretched_mesh_has_the_solids_bounds_and_faces_outwards(shape: Shape):
+    half_y_m = 0.3 if shape is Shape.CYLINDER else 0.2
+    solid = Solid(
+        shape=shape, x_m=1.0, y_m=-2.0, yaw_rad=0.5, half_x_m=0.3, half_y_m=half_y_m, z0_m=0.4, z1_m=0.7,
+        category="table", item=0,
+    )  # fmt: skip
+    instance = solid_instance(solid, name="table", material=GREY)
+    mesh = plan_meshes()[instance.mesh][0].copy().apply_transform(instance.T_w)
+    volume_m3 = (np.pi * 0.3**2 if shape is Shape.CYLINDER else 0.6 * 0.4) * 0.3
+    assert mesh.volume == pytest.approx(volume_m3, rel=0.02)
+    assert mesh.bounds[:, 2] == pytest.approx([0.4, 0.7])
+    corners_m = solid.corners_m() if shape is Shape.BOX else np.array([[0.7, -2.3], [1.3, -1.7]])
+    np.testing.assert_allclose(mesh.bounds[:, :2], [corners_m.min(axis=0), corners_m.max(axis=0)], atol=0.01)
+
+
+@pytest.mark.parametrize("mesh", plan_meshes().values(), ids=plan_meshes())
+def test_vertex_normals_are_those_of_the_faces_they_belong_to(mesh: tuple[trimesh.Trimesh, ...]):
+    (part,) = mesh
+    across = part.vertex_normals[part.faces] @ part.face_normals[:, :, None]
+    assert across.min() > 0.99
+
+
+def test_a_furnished_plan_has_each_wall_and_each_solid_once():
+    plan = generated(3)
+    furniture = furnish(plan, stream(0, "rendering"), density=1.0)
+    instances = plan_instances(plan, furniture, wall_height_m=HEIGHT_M, material_of=material_of)
+    assert len({instance.name for instance in instances}) == len(instances)
+    assert len(instances) == 2 + len(wall_boxes(plan, height_m=HEIGHT_M)) + len(furniture)
+    walls = [instance for instance in instances if instance.name.startswith("wall/")]
+    assert {wall.material for wall in walls} == {WHITE}
+
+
+def room(**fields: object) -> Scene:
+    plan = plan_of(TWO_ROOMS)
+    instances = plan_instances(plan, (), wall_height_m=HEIGHT_M, material_of=material_of)
+    return scene_of(*instances, **fields)
+
+
+def test_from_inside_a_room_nothing_but_floor_walls_and_ceiling_is_seen(renderer: Renderer):
+    for yaw_rad in np.linspace(0.0, 2.0 * np.pi, 9):
+        T_w_c = facing_x(height_m=0.9)
+        turn = trimesh.transformations.rotation_matrix(yaw_rad, [0.0, 0.0, 1.0])
+        T_w_c = trimesh.transformations.translation_matrix([1.3, 1.7, 0.0]) @ turn @ T_w_c
+        scene = room(T_w_c=T_w_c)
+        ids = renderer.render(scene).instance_ids
+        assert (ids >= 0).all()
+
+
+def test_the_ceiling_shows_from_below_only_and_lets_light_in(renderer: Renderer):
+    from_above = looking_down(height_m=3.5)
+    from_above[:2, 3] = 2.0, 2.0
+    scene = room(T_w_c=from_above)
+    seen = {scene.instances[i].name for i in np.unique(renderer.render(scene).instance_ids)}
+    assert "floor" in seen
+    assert "ceiling" not in seen
+    inside = from_above.copy()
+    inside[2, 3] = 1.0
+    shadowed, plain = (
+        renderer.render(room(T_w_c=inside, lights=(sun(casts_shadow=casts_shadow),))).rgb
+        for casts_shadow in (True, False)
+    )
+    assert np.abs(shadowed.astype(int) - plain).max() <= 1
