@@ -20,7 +20,7 @@ Floats = NDArray[np.float32]
 Words = NDArray[np.uint32]
 
 WHITE_K = 6504.0
-METERED = 0.2
+METERED = 0.24
 """Mean linear brightness that the automatic exposure aims at."""
 MAX_GAIN = 3.0
 """The automatic exposure changes brightness by at most this factor, up or down."""

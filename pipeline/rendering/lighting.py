@@ -162,7 +162,7 @@ def _lamp_around(rng: np.random.Generator, target_m: Array, brightness: float, *
         kind=kind,
         xyz_m=(x_m, y_m, z_m),
         aim=_unit(-away),
-        temperature_k=1e6 / rng.uniform(85.0, 450.0),
+        temperature_k=1e6 / rng.uniform(110.0, 420.0),
         brightness=brightness,
         reach_m=1.0 if kind is LightKind.DIRECTIONAL else reach_m,
         casts_shadow=shadow,

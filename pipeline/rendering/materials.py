@@ -224,15 +224,12 @@ def any_texture_material(rng: np.random.Generator, variants: int) -> Material:
     )
 
 
-def furniture_materials(
+def piece_materials(
     rng: np.random.Generator, furniture: Sequence[Solid], *, variants: int
-) -> tuple[Material, ...]:
-    """One per solid; a piece has one material, its legs another, or the same."""
-    of_item: dict[int, tuple[Material, Material]] = {}
-    for solid in furniture:
-        if solid.item not in of_item:
-            of_item[solid.item] = _body_and_legs(rng, solid.category, variants)
-    return tuple(of_item[solid.item][1 if _is_second(solid) else 0] for solid in furniture)
+) -> Mapping[int, tuple[Material, Material]]:
+    """By index of the piece of furniture: its body's material, and that of what `is_second`."""
+    category_of = {solid.item: solid.category for solid in furniture}
+    return {item: _body_and_legs(rng, category, variants) for item, category in sorted(category_of.items())}
 
 
 def _body_and_legs(rng: np.random.Generator, category: str, variants: int) -> tuple[Material, Material]:
@@ -245,8 +242,8 @@ def _body_and_legs(rng: np.random.Generator, category: str, variants: int) -> tu
     return body, metal(rng, variants) if rng.random() < 0.6 else body
 
 
-def _is_second(solid: Solid) -> bool:
-    """Legs, headboards, leaves."""
+def is_second(solid: Solid) -> bool:
+    """Whether a part of a piece of furniture is a leg, a headboard or leaves."""
     if solid.category == "plant":
         return solid.z0_m > 0.0
     if solid.category == "bed":

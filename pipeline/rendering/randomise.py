@@ -19,8 +19,8 @@ from pipeline.rendering import materials
 from pipeline.rendering.distractors import Thing, draw_thing, place_on_floor
 from pipeline.rendering.effects import CameraEffects, draw_effects
 from pipeline.rendering.lighting import SHADOW_SHARE, Lighting, room_lighting
-from pipeline.rendering.plan_scene import plan_instances
 from pipeline.rendering.record import JsonValue, plain
+from pipeline.rendering.room_looks import RoomLooks, draw_room_looks, room_instances
 from pipeline.rendering.scene import Instance, Material, Scene
 from pipeline.rendering.viewpoints import FurnishedPlan, Meeting, draw_meeting
 from pipeline.simulation.robot import RobotSpec
@@ -58,40 +58,6 @@ class RobotLooks:
     def worn(self, rng: np.random.Generator, *, extent: float) -> Mapping[str, Material]:
         """Its materials, each part a little different from how it was built."""
         return {key: materials.worn(rng, material, extent=extent) for key, material in self.parts.items()}
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RoomLooks:
-    """What a furnished plan is made of: drawn once per episode, so that its pictures agree.
-
-    Attributes:
-        floor, ceiling: their materials.
-        walls: one per edge of the plan.
-        furniture: one per solid.
-    """
-
-    floor: Material
-    ceiling: Material
-    walls: tuple[Material, ...]
-    furniture: tuple[Material, ...]
-
-    def of(self, category: str, part: int) -> Material:
-        """As `plan_instances` asks for it."""
-        if category in ("floor", "ceiling"):
-            return self.floor if category == "floor" else self.ceiling
-        return self.walls[part] if category == "wall" else self.furniture[part]
-
-
-def draw_room_looks(rng: np.random.Generator, place: FurnishedPlan, *, variants: int) -> RoomLooks:
-    """One material for most walls and another for one in seven; furniture by what it is."""
-    main, accent = materials.wall_material(rng, variants), materials.wall_material(rng, variants)
-    other = rng.random(len(place.plan.edges_m())) < 1.0 / 7.0
-    return RoomLooks(
-        floor=materials.floor_material(rng, variants),
-        ceiling=materials.ceiling_material(rng, variants),
-        walls=tuple(accent if is_other else main for is_other in other),
-        furniture=materials.furniture_materials(rng, place.furniture, variants=variants),
-    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -188,9 +154,7 @@ def room_scene(
     worn = looks.worn(rng, extent=1.0)
     effects = draw_effects(rng, light_k=lighting.temperature_k())
     instances = [
-        *plan_instances(
-            place.plan, place.furniture, wall_height_m=place.wall_height_m, material_of=room_looks.of
-        ),
+        *room_instances(place, room_looks),
         *thing_instances(things),
         *(looks.instances(se3_from_se2(T_w_r1), worn) if T_w_r1 else ()),
     ]

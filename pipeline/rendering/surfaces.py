@@ -152,7 +152,7 @@ def carpet(rng: np.random.Generator, size_px: int) -> Field:
 
 def fabric(rng: np.random.Generator, size_px: int) -> Field:
     """Neutral: plain weave, threads of uneven brightness."""
-    threads = int(rng.choice([48, 64, 96]))
+    threads = int(rng.choice([64, 96, 128]))
     v, u = _axes(size_px)
     warp, weft = u * threads // size_px, v * threads // size_px
     over = (warp + weft) % 2 == 0
