@@ -213,7 +213,7 @@ def _edges(ids: NDArray[np.int32], depth: Float32) -> NDArray[np.bool_]:
 
 def _metres(depth: Float32) -> Float32:
     """Depth of the buffer, 0..1, as distance along the camera's axis; inf where nothing is."""
-    # FAR_M * (1 - depth) is exact enough: where float32 has little left of it, things are tens of metres away.
+    # In float32: what it loses matters only tens of metres away.
     depth_m = (FAR_M * NEAR_M) / (FAR_M - depth * np.float32(FAR_M - NEAR_M))
     depth_m[depth >= 1.0] = np.inf
     return depth_m
