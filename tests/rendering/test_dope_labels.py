@@ -120,6 +120,13 @@ def test_two_objects_on_one_cell_share_the_mean_direction():
     assert fields[:2, 10, 10] == pytest.approx([np.sqrt(0.5)] * 2)
 
 
+def test_where_two_objects_meet_the_larger_belief_stays():
+    one, other = _single({4: (80.0, 160.0)}), _single({4: (90.0, 160.0)})
+    both = _beliefs(np.concatenate([one, other]))
+    assert np.array_equal(both, np.maximum(_beliefs(one), _beliefs(other)))
+    assert 0.0 < _beliefs(other)[4, 20, 10] < _beliefs(one)[4, 20, 10] == both[4, 20, 10]
+
+
 @pytest.mark.parametrize("stride_px", [1, 2, 4, 8, 16])
 def test_any_stride_and_size_puts_the_peak_on_the_point(stride_px):
     uv_px = _single({8: (304.0, 96.0)})
