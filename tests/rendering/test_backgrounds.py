@@ -1,0 +1,61 @@
+"""Backgrounds have the size asked for, are soft, and show the photos that are given."""
+
+import numpy as np
+import pytest
+
+from pipeline.rendering.backgrounds import draw_background, photo_background, room_background
+from pipeline.rendering.textures import texture_pool
+
+POOL = texture_pool(np.random.default_rng(0), variants=1, size_px=128)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_a_room_background_has_its_size_and_is_neither_black_nor_white(seed):
+    image = room_background(np.random.default_rng(seed), POOL, width_px=320, height_px=240)
+    assert image.shape == (240, 320, 3)
+    assert image.dtype == np.uint8
+    assert 30 < image.mean() < 200
+    assert image.std() > 5
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_a_room_background_is_out_of_focus(seed):
+    image = room_background(np.random.default_rng(seed), POOL, width_px=320, height_px=240).astype(float)
+    # A sharp edge would step over its whole contrast from one pixel to the next.
+    assert np.abs(np.diff(image, axis=1)).max() < 0.6 * np.ptp(image)
+
+
+def test_equal_rngs_give_equal_backgrounds_and_others_do_not():
+    first, again, other = (
+        room_background(np.random.default_rng(s), POOL, width_px=160, height_px=120) for s in (1, 1, 2)
+    )
+    assert np.array_equal(first, again)
+    assert not np.array_equal(first, other)
+
+
+@pytest.mark.parametrize("shape", [(90, 400, 3), (700, 500, 3), (50, 50, 3)])
+def test_a_cut_of_a_photo_has_the_size_asked_for_and_its_colours(shape):
+    photo = np.zeros(shape, np.uint8)
+    photo[...] = 10, 120, 230
+    cut = photo_background(np.random.default_rng(0), photo, width_px=160, height_px=120)
+    assert cut.shape == (120, 160, 3)
+    assert (cut == (10, 120, 230)).all()
+
+
+def test_a_photo_is_cut_without_stretching_it():
+    v, u = np.mgrid[:300, :900]
+    photo = np.repeat((40.0 + 0.2 * u + 0.05 * v)[..., None], 3, axis=2).astype(np.uint8)
+    cut = photo_background(np.random.default_rng(2), photo, width_px=160, height_px=120).astype(float)
+    across, down = abs(np.diff(cut[60, :, 0]).mean()), abs(np.diff(cut[:, 80, 0]).mean())
+    assert across / down == pytest.approx(4.0, rel=0.15)
+
+
+def test_photos_are_used_when_there_are_any():
+    photos = [np.full((120, 160, 3), value, np.uint8) for value in (50, 90)]
+    drawn = [
+        draw_background(np.random.default_rng(s), POOL, photos, width_px=160, height_px=120)
+        for s in range(20)
+    ]
+    assert {kind for _, kind in drawn} == {"photo-0", "photo-1"}
+    assert all((image == (50 if kind == "photo-0" else 90)).all() for image, kind in drawn)
+    assert draw_background(np.random.default_rng(0), POOL, (), width_px=16, height_px=16)[1] == "room"

@@ -1,0 +1,206 @@
+"""Laws of what is drawn: on the floor, in range, repeatable, recorded."""
+
+import json
+from functools import cache
+
+import numpy as np
+import pytest
+import shapely
+
+from pipeline.errors import FloorplanError
+from pipeline.floorplan.furnish import furnish
+from pipeline.geometry.camera import camera_pose, se3_from_se2
+from pipeline.geometry.se2 import SE2
+from pipeline.rendering.plan_scene import plan_meshes
+from pipeline.rendering.randomise import ROBOT, RobotLooks, camera_tilt, draw_plausible, room_scene
+from pipeline.rendering.room_looks import draw_room_looks
+from pipeline.rendering.scene import Material
+from pipeline.rendering.textures import KINDS, texture_key
+from pipeline.rendering.thing_meshes import thing_meshes
+from pipeline.rendering.viewpoints import MAX_RANGE_M, MIN_RANGE_M, draw_meeting, furnished_plan
+from pipeline.robot_file import load_robot
+from tests.floorplan.plans import generated, plan_of
+
+BURGER = load_robot("burger")
+VARIANTS = 2
+LOOKS = RobotLooks(
+    spec=BURGER, parts={"burger/plates": Material(base_colour_rgb=(0.02, 0.02, 0.02), roughness=0.6)}
+)
+MESHES = {**plan_meshes(), **thing_meshes()}
+TEXTURES = {texture_key(kind, i) for kind in KINDS for i in range(VARIANTS)}
+
+
+@cache
+def _place(index=0):
+    plan = generated(index)
+    furniture = furnish(plan, np.random.default_rng(index), density=1.0)
+    return furnished_plan(plan, furniture, wall_height_m=2.5)
+
+
+@cache
+def _drawn(seed):
+    return draw_plausible(np.random.default_rng(seed), _place(seed % 2), LOOKS, BURGER, variants=VARIANTS)
+
+
+def _robot(scene):
+    return [instance for instance in scene.instances if instance.name.startswith(f"{ROBOT}/")]
+
+
+def _ground_points(instance):
+    """(N, 3) [m] in w of the instance's vertices."""
+    p = np.concatenate([np.asarray(mesh.vertices) for mesh in MESHES[instance.mesh]])
+    return p @ instance.T_w[:3, :3].T + instance.T_w[:3, 3]
+
+
+SEEDS = range(24)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_the_robot_stands_on_free_floor(seed):
+    for part in _robot(_drawn(seed).scene):
+        assert part.T_w[2] == pytest.approx([0.0, 0.0, 1.0, 0.0])
+        standing = shapely.Point(part.T_w[:2, 3]).buffer(BURGER.radius_m - 0.002)
+        assert _place(seed % 2).floor.covers(standing)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_the_camera_is_where_a_standing_robot_has_it(seed):
+    T_w_c = _drawn(seed).scene.T_w_c
+    assert T_w_c[2, 3] == pytest.approx(BURGER.camera.xyz_m[2], abs=0.02)
+    assert abs(T_w_c[2, 2]) < np.radians(4.0)
+    assert _place(seed % 2).floor.covers(shapely.Point(T_w_c[:2, 3]))
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_the_robot_is_in_range_and_at_least_at_the_images_edge(seed):
+    scene = _drawn(seed).scene
+    for part in _robot(scene):
+        centre_w = part.T_w @ np.array([*BURGER.cuboid.centre_m, 1.0])
+        p_c = np.linalg.inv(scene.T_w_c) @ centre_w
+        assert MIN_RANGE_M - 0.03 <= np.linalg.norm(p_c[:3]) <= MAX_RANGE_M + 0.03
+        u_px = scene.camera.project(p_c[None, :3])[0, 0]
+        # Beyond the edge by no more than half of the robot's width, and what a tilt of the camera adds.
+        margin_px = 0.5 * BURGER.size_m[1] * scene.camera.fx_px / p_c[2] + 25.0
+        assert -margin_px < u_px < scene.camera.width_px + margin_px
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_small_things_stand_on_free_floor_and_touch_no_robot(seed):
+    scene, place = _drawn(seed).scene, _place(seed % 2)
+    stand = [part.T_w[:2, 3] for part in _robot(scene)]
+    for i in {x.name.split("-")[1] for x in scene.instances if x.name.startswith("thing-")}:
+        parts = [x for x in scene.instances if x.name.startswith(f"thing-{i}-")]
+        p_w = np.concatenate([_ground_points(part) for part in parts])
+        hull = shapely.MultiPoint(p_w[:, :2]).convex_hull
+        assert p_w[:, 2].min() == pytest.approx(0.0, abs=2e-3)
+        assert place.floor.buffer(0.005).covers(hull)
+        assert all(hull.distance(shapely.Point(xy_m)) > BURGER.radius_m for xy_m in stand)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_leaves_grow_out_of_their_pots(seed):
+    scene = _drawn(seed).scene
+    of_plant = [x for x in scene.instances if x.name.split("/")[0].endswith("-plant") and x.name[0].isdigit()]
+    leaves = [x for x in of_plant if x.mesh == "thing/leaves"]
+    assert len(leaves) * 2 == len(of_plant)
+    for leaf in leaves:
+        pot = next(x for x in of_plant if x.name[:3] == leaf.name[:3] and x is not leaf)
+        assert _ground_points(leaf)[:, 2].min() == pytest.approx(_ground_points(pot)[:, 2].max(), abs=1e-6)
+
+
+def test_equal_rngs_give_equal_scenes_and_others_do_not():
+    first, again = (
+        draw_plausible(np.random.default_rng(3), _place(), LOOKS, BURGER, variants=VARIANTS) for _ in "ab"
+    )
+    assert json.dumps(first.record) == json.dumps(again.record)
+    assert all(
+        np.array_equal(a.T_w, b.T_w) and (a.name, a.mesh, a.material) == (b.name, b.mesh, b.material)
+        for a, b in zip(first.scene.instances, again.scene.instances, strict=True)
+    )
+    assert json.dumps(first.record) != json.dumps(_drawn(4).record)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_every_key_is_in_the_pools_and_lights_are_within_limits(seed):
+    scene = _drawn(seed).scene
+    assert {x.mesh for x in scene.instances} <= {*MESHES, *LOOKS.parts}
+    assert {x.material.texture for x in scene.instances} - {None} <= TEXTURES
+    assert 1 <= len(scene.lights) <= 4
+    assert sum(light.casts_shadow for light in scene.lights) <= 1
+
+
+def test_the_record_holds_what_the_scene_shows():
+    drawn = _drawn(5)
+    record = json.loads(json.dumps(drawn.record))
+    assert record["mode"] == "plausible"
+    assert record["effects"]["noise_seed"] == drawn.effects.noise_seed
+    assert len(record["lighting"]["lamps"]) == len(drawn.scene.lights)
+    floor = next(x for x in drawn.scene.instances if x.name == "floor")
+    assert record["surfaces"]["floor"]["texture"] == floor.material.texture
+    things = {x.name.split("-")[1] for x in drawn.scene.instances if x.name.startswith("thing-")}
+    assert len(record["things"]) == len(things)
+
+
+def test_shadows_absence_and_edges_come_in_their_shares():
+    records = [
+        draw_plausible(np.random.default_rng([9, i]), _two_rooms(), LOOKS, BURGER, variants=1).record
+        for i in range(300)
+    ]
+    shadows = np.mean([any(lamp["casts_shadow"] for lamp in r["lighting"]["lamps"]) for r in records])
+    absent = np.mean([r["meeting"]["T_w_r1"] is None for r in records])
+    # Five standard deviations of the binomial either way.
+    assert shadows == pytest.approx(0.25, abs=0.125)
+    assert absent == pytest.approx(0.05, abs=0.063)
+
+
+@cache
+def _two_rooms():
+    plan = plan_of([[0.0, 0.0], [6.0, 0.0], [6.0, 5.0], [0.0, 5.0]])
+    return furnished_plan(plan, (), wall_height_m=2.5)
+
+
+def test_distances_and_headings_are_uniform_where_there_is_room():
+    rng = np.random.default_rng(0)
+    meetings = [draw_meeting(rng, _two_rooms(), BURGER, BURGER, absent=False) for _ in range(400)]
+    between = [m.T_w_r0.inverse() @ m.T_w_r1 for m in meetings]
+    quarter = np.bincount([int(2.0 * (pose.wrapped().yaw_rad / np.pi + 1.0)) % 4 for pose in between])
+    far = np.mean([np.hypot(pose.x_m, pose.y_m) > 2.15 for pose in between])
+    assert quarter.min() > 70
+    # A little under a half: the farther, the fewer places.
+    assert 0.38 < far < 0.58
+
+
+def test_a_plan_too_small_for_two_robots_is_refused():
+    closet = furnished_plan(plan_of([[0, 0], [0.3, 0], [0.3, 0.3], [0, 0.3]]), (), wall_height_m=2.5)
+    with pytest.raises(FloorplanError, match="no place for two robots"):
+        draw_meeting(np.random.default_rng(0), closet, BURGER, BURGER, absent=False)
+
+
+def test_a_wall_between_the_robots_is_never_drawn():
+    plan = plan_of([[0, 0], [1.9, 0], [1.9, 3.6], [2.1, 3.6], [2.1, 0], [4, 0], [4, 4], [0, 4]], plan_id="u")
+    place, rng = furnished_plan(plan, (), wall_height_m=2.5), np.random.default_rng(0)
+    for _ in range(40):
+        meeting = draw_meeting(rng, place, BURGER, BURGER, absent=False)
+        ends_m = np.stack([pose.as_array()[:2] for pose in (meeting.T_w_r0, meeting.T_w_r1)])
+        reach = shapely.LineString(ends_m).intersection(plan.free_space().buffer(0.12)).length
+        assert reach == pytest.approx(np.linalg.norm(ends_m[1] - ends_m[0]), abs=0.1)
+
+
+def test_a_view_with_known_poses_has_the_robot_there():
+    place = _two_rooms()
+    room_looks = draw_room_looks(np.random.default_rng(0), place, variants=1)
+    T_w_r1 = SE2(3.0, 2.0, 0.7)
+    drawn = room_scene(
+        np.random.default_rng(1), place, room_looks, LOOKS, BURGER,
+        T_w_c=se3_from_se2(SE2(1.0, 2.0, 0.0)) @ BURGER.camera.T_r_c(), T_w_r1=T_w_r1,
+    )  # fmt: skip
+    assert all(np.allclose(part.T_w, se3_from_se2(T_w_r1)) for part in _robot(drawn.scene))
+    assert drawn.scene.robot == ROBOT
+    assert not [x for x in drawn.scene.instances if x.name.startswith("thing-")]
+
+
+def test_pitch_lowers_the_view_of_a_camera():
+    T_w_c = camera_pose(np.zeros(3), np.zeros(3)) @ camera_tilt(0.0, 0.1)
+    assert T_w_c[2, 2] == pytest.approx(-np.sin(0.1))
+    rolled = camera_pose(np.zeros(3), np.zeros(3)) @ camera_tilt(0.1, 0.0)
+    assert rolled[2, 0] == pytest.approx(-np.sin(0.1))
