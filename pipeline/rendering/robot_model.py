@@ -99,7 +99,7 @@ def robot_parts(glb: bytes) -> dict[str, trimesh.Trimesh]:
     """The parts of a robot by name, sorted, in r [m], each with its own PBR material.
 
     Raises:
-        ConfigError: the bytes are no GLB, hold no mesh, or two parts have one name.
+        ConfigError: the bytes are no GLB or hold no mesh.
     """
     try:
         scene = trimesh.load_scene(io.BytesIO(glb), file_type="glb")
@@ -111,8 +111,6 @@ def robot_parts(glb: bytes) -> dict[str, trimesh.Trimesh]:
         mesh = scene.geometry[geometry]
         if not isinstance(mesh, trimesh.Trimesh):
             continue
-        if node in parts:
-            raise ConfigError(f"robot model: two parts are named {node!r}; names must differ")
         parts[node] = mesh if np.array_equal(T_r_part, np.eye(4)) else mesh.copy().apply_transform(T_r_part)
     if not parts:
         raise ConfigError("robot model: no mesh in the GLB; a robot must have at least one")
