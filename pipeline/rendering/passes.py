@@ -11,10 +11,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from OpenGL import GL
-from OpenGL.GL import shaders as glsl
 
 from pipeline.geometry.se2 import Array
 from pipeline.rendering import shaders
+from pipeline.rendering.buffers import (
+    make_framebuffer,
+    make_mask_texture,
+    make_program,
+    make_renderbuffer,
+    make_shadow_map,
+)
 from pipeline.rendering.resident import Float32, ResidentPart
 from pipeline.rendering.scene import MAX_SHADOWS, NO_INSTANCE, Image
 
@@ -40,6 +46,7 @@ class LightTable:
         place, direction, colour: (L, 4) float32, see the shader; those that throw shadows first.
         T_shadow_w: (S, 4, 4).
         ambient_rgb: (3,).
+        contact: (4,) place and radius [m] of what darkens the ground below it; radius 0 for nothing.
     """
 
     place: Float32
@@ -47,6 +54,7 @@ class LightTable:
     colour: Float32
     T_shadow_w: Array
     ambient_rgb: Array
+    contact: Array
 
 
 class Passes:
@@ -55,24 +63,24 @@ class Passes:
     def __init__(self, *, width_px: int, height_px: int, texture_array: int) -> None:
         self._size = (width_px, height_px)
         self._texture_array = texture_array
-        self._id_program = _program(shaders.ID_VERTEX, shaders.ID_FRAGMENT)
-        self._depth_program = _program(shaders.ID_VERTEX, shaders.DEPTH_FRAGMENT)
-        self._mask_program = _program(shaders.MASK_VERTEX, shaders.MASK_FRAGMENT)
+        self._id_program = make_program(shaders.ID_VERTEX, shaders.ID_FRAGMENT)
+        self._depth_program = make_program(shaders.ID_VERTEX, shaders.DEPTH_FRAGMENT)
+        self._mask_program = make_program(shaders.MASK_VERTEX, shaders.MASK_FRAGMENT)
         self._surface_programs = [
-            _program(shaders.SURFACE_VERTEX, shaders.surface_fragment(shadows=shadows))
+            make_program(shaders.SURFACE_VERTEX, shaders.surface_fragment(shadows=shadows))
             for shadows in range(MAX_SHADOWS + 1)
         ]
-        depth = _renderbuffer(self._size, GL.GL_DEPTH_COMPONENT24)
-        self._id_buffer = _framebuffer(_renderbuffer(self._size, GL.GL_R32I), depth)
-        self._colour_buffer = _framebuffer(_renderbuffer(self._size, GL.GL_RGBA8), depth)
+        depth = make_renderbuffer(self._size, GL.GL_DEPTH_COMPONENT24)
+        self._id_buffer = make_framebuffer(make_renderbuffer(self._size, GL.GL_R32I), depth)
+        self._colour_buffer = make_framebuffer(make_renderbuffer(self._size, GL.GL_RGBA8), depth)
         self._fine_size = (shaders.EDGE_SAMPLES * width_px, shaders.EDGE_SAMPLES * height_px)
-        self._fine_buffer = _framebuffer(
-            _renderbuffer(self._fine_size, GL.GL_RGBA8),
-            _renderbuffer(self._fine_size, GL.GL_DEPTH_COMPONENT24),
+        self._fine_buffer = make_framebuffer(
+            make_renderbuffer(self._fine_size, GL.GL_RGBA8),
+            make_renderbuffer(self._fine_size, GL.GL_DEPTH_COMPONENT24),
         )
-        self._mask_texture = _mask_texture(self._size)
+        self._mask_texture = make_mask_texture(self._size)
         self._empty_array = GL.glGenVertexArrays(1)
-        self._shadow_maps = [_shadow_map() for _ in range(MAX_SHADOWS)]
+        self._shadow_maps = [make_shadow_map() for _ in range(MAX_SHADOWS)]
         self._rows_buffer = GL.glGenBuffers(1)
         self._rows_texture = GL.glGenTextures(1)
 
@@ -210,6 +218,7 @@ class Passes:
             GL.glUniform1i(GL.glGetUniformLocation(program, name), unit)
         GL.glUniform3f(GL.glGetUniformLocation(program, "camera_w"), *p_w_c)
         GL.glUniform3f(GL.glGetUniformLocation(program, "ambient"), *lights.ambient_rgb)
+        GL.glUniform4f(GL.glGetUniformLocation(program, "contact"), *lights.contact)
         GL.glUniform1i(GL.glGetUniformLocation(program, "light_count"), len(lights.place))
         for name in ("place", "direction", "colour"):
             values = getattr(lights, name)
@@ -234,67 +243,3 @@ class Passes:
         GL.glBindFramebuffer(GL.GL_READ_FRAMEBUFFER, self._colour_buffer)
         GL.glReadPixels(0, 0, width_px, height_px, GL.GL_RGBA, GL.GL_UNSIGNED_BYTE, rgba)
         return rgba
-
-
-def _program(vertex: str, fragment: str) -> int:
-    # A vertex array must be bound while a program is checked.
-    GL.glBindVertexArray(GL.glGenVertexArrays(1))
-    program = glsl.compileProgram(
-        glsl.compileShader(vertex, GL.GL_VERTEX_SHADER),
-        glsl.compileShader(fragment, GL.GL_FRAGMENT_SHADER),
-        validate=False,  # two kinds of sampler share a unit until they are told apart
-    )
-    GL.glBindVertexArray(0)
-    return int(program)
-
-
-def _renderbuffer(size: tuple[int, int], storage: int) -> int:
-    renderbuffer = int(GL.glGenRenderbuffers(1))
-    GL.glBindRenderbuffer(GL.GL_RENDERBUFFER, renderbuffer)
-    GL.glRenderbufferStorage(GL.GL_RENDERBUFFER, storage, *size)
-    return renderbuffer
-
-
-def _framebuffer(colour: int, depth: int) -> int:
-    framebuffer = int(GL.glGenFramebuffers(1))
-    GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, framebuffer)
-    for attachment, renderbuffer in (
-        (GL.GL_COLOR_ATTACHMENT0, colour),
-        (GL.GL_DEPTH_ATTACHMENT, depth),
-    ):
-        GL.glFramebufferRenderbuffer(GL.GL_FRAMEBUFFER, attachment, GL.GL_RENDERBUFFER, renderbuffer)
-    assert GL.glCheckFramebufferStatus(GL.GL_FRAMEBUFFER) == GL.GL_FRAMEBUFFER_COMPLETE
-    return framebuffer
-
-
-def _mask_texture(size: tuple[int, int]) -> int:
-    texture = int(GL.glGenTextures(1))
-    GL.glBindTexture(GL.GL_TEXTURE_2D, texture)
-    GL.glTexImage2D(GL.GL_TEXTURE_2D, 0, GL.GL_R8, *size, 0, GL.GL_RED, GL.GL_UNSIGNED_BYTE, None)
-    for name in (GL.GL_TEXTURE_MIN_FILTER, GL.GL_TEXTURE_MAG_FILTER):
-        GL.glTexParameteri(GL.GL_TEXTURE_2D, name, GL.GL_NEAREST)
-    return texture
-
-
-def _shadow_map() -> tuple[int, int]:
-    """A framebuffer of depth alone, and the texture it draws to, read as lit or not."""
-    texture, side = int(GL.glGenTextures(1)), shaders.SHADOW_PX
-    GL.glBindTexture(GL.GL_TEXTURE_2D, texture)
-    GL.glTexImage2D(
-        GL.GL_TEXTURE_2D, 0, GL.GL_DEPTH_COMPONENT24, side, side, 0, GL.GL_DEPTH_COMPONENT, GL.GL_FLOAT, None
-    )
-    for name, value in (
-        (GL.GL_TEXTURE_MIN_FILTER, GL.GL_LINEAR),
-        (GL.GL_TEXTURE_MAG_FILTER, GL.GL_LINEAR),
-        (GL.GL_TEXTURE_WRAP_S, GL.GL_CLAMP_TO_EDGE),
-        (GL.GL_TEXTURE_WRAP_T, GL.GL_CLAMP_TO_EDGE),
-        (GL.GL_TEXTURE_COMPARE_MODE, GL.GL_COMPARE_REF_TO_TEXTURE),
-        (GL.GL_TEXTURE_COMPARE_FUNC, GL.GL_LEQUAL),
-    ):
-        GL.glTexParameteri(GL.GL_TEXTURE_2D, name, value)
-    framebuffer = int(GL.glGenFramebuffers(1))
-    GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, framebuffer)
-    GL.glFramebufferTexture2D(GL.GL_FRAMEBUFFER, GL.GL_DEPTH_ATTACHMENT, GL.GL_TEXTURE_2D, texture, 0)
-    GL.glDrawBuffer(GL.GL_NONE)
-    GL.glReadBuffer(GL.GL_NONE)
-    return framebuffer, texture

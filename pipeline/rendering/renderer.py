@@ -98,7 +98,7 @@ class Renderer:
         size = {"width_px": camera.width_px, "height_px": camera.height_px}
         ids = self._passes.ids(draws, T_clip_w, **size)
         depth = self._passes.depth()
-        lights = _light_table(scene)
+        lights = _light_table(scene, self._contact(scene))
         rgba = self._passes.colour(draws, T_clip_w, scene.T_w_c[:3, 3], lights, _edges(ids, depth))
         return Rendering(rgb=_over(rgba, scene.background), instance_ids=ids, depth_m=_metres(depth))
 
@@ -147,15 +147,27 @@ class Renderer:
         self._passes.upload(np.array(rows, dtype=np.float32).reshape(-1, ROW_FLOATS))
         return draws
 
+    def _contact(self, scene: Scene) -> Array:
+        """(4,) middle of the robot's lower face, and its radius [m]."""
+        robot = [scene.instances[i] for i in scene.robot_ids()]
+        if not robot:
+            return np.zeros(4)
+        corners_w = self._corners_w(robot)
+        low, high = corners_w.min(axis=0), corners_w.max(axis=0)
+        x, y, _ = 0.5 * (low + high)
+        return np.array([x, y, low[2], 0.25 * float((high - low)[:2].sum())])
+
+    def _corners_w(self, instances: Sequence[Instance]) -> Array:
+        """(N, 3) [m] corners of the instances' bounding boxes."""
+        return np.concatenate([self._corners[i.mesh] @ i.T_w[:3, :3].T + i.T_w[:3, 3] for i in instances])
+
     def _extent_px(
         self, camera: PinholeCamera, T_c_w: Array, instances: Sequence[Instance]
     ) -> tuple[int, int, int, int]:
         """x0, y0, x1, y1 of whole pixels around the instances' bounding boxes, within the canvas."""
         size = np.array([camera.width_px, camera.height_px])
         low, high = -CANVAS_MARGIN * size, (1 + CANVAS_MARGIN) * size
-        corners_w = np.concatenate(
-            [self._corners[i.mesh] @ i.T_w[:3, :3].T + i.T_w[:3, 3] for i in instances]
-        )
+        corners_w = self._corners_w(instances)
         corners_c = corners_w @ T_c_w[:3, :3].T + T_c_w[:3, 3]
         # What reaches beside the camera has no outline in the plane of the image: all of the canvas then.
         if corners_c[:, 2].min() > NEAR_M:
@@ -242,7 +254,7 @@ def _row(i: int, instance: Instance, material: Material, layer: int) -> Row:
     )
 
 
-def _light_table(scene: Scene) -> LightTable:
+def _light_table(scene: Scene, contact: Array) -> LightTable:
     from pipeline.rendering.passes import LightTable
 
     lights = sorted(scene.lights, key=lambda light: not light.casts_shadow)
@@ -258,6 +270,7 @@ def _light_table(scene: Scene) -> LightTable:
         colour=np.array(colour, dtype=np.float32),
         T_shadow_w=np.array([_shadow_matrix(light, scene.T_w_c) for light in lights if light.casts_shadow]),
         ambient_rgb=np.array(scene.ambient_rgb),
+        contact=contact,
     )
 
 

@@ -89,6 +89,7 @@ uniform sampler2DShadow shadow_1;
 uniform mat4 T_shadow_w[{MAX_SHADOWS}];
 uniform vec3 camera_w;
 uniform vec3 ambient;
+uniform vec4 contact;  // where the robot stands, and its radius [m]; 0 for none
 uniform int light_count;
 uniform vec4 light_place[{MAX_LIGHTS}];      // position; w = 0 for a directional light
 uniform vec4 light_direction[{MAX_LIGHTS}];  // from the light; w = cosine of the cone, -1 for none
@@ -145,6 +146,13 @@ vec3 light(int i, vec3 n, vec3 v, vec3 matt, vec3 f0, float alpha) {{
     return falloff * light_colour[i].rgb * reflected(n, v, l, matt, f0, alpha);
 }}
 
+// How much of the light from all around reaches the ground under the robot: without it, it seems to float.
+float open_sky(vec3 n) {{
+    vec3 off = abs(p_w - contact.xyz) / max(contact.w, 1e-6);
+    float under = (1.0 - smoothstep(0.5, 1.3, length(off.xy))) * (1.0 - smoothstep(0.0, 0.1, off.z));
+    return 1.0 - 0.7 * under * max(n.z, 0.0);
+}}
+
 void main() {{
     vec3 base = colour_metallic.rgb * tint;
     if (roughness_layer.y >= 0.0) base *= texture_colour(roughness_layer.y);
@@ -157,8 +165,9 @@ void main() {{
     vec3 v = normalize(camera_w - p_w);
     // Light from everywhere, some more of it from above; metal shows it as a mirror image.
     vec3 sum = ambient * (matt * (0.8 + 0.2 * n.z) + f0 * (0.7 + 0.3 * reflect(-v, n).z));
-    SHADOWED_LIGHTS
     for (int i = SHADOWS; i < light_count; i++) sum += light(i, n, v, matt, f0, alpha);
+    sum *= open_sky(n);
+    SHADOWED_LIGHTS
     pixel = vec4(pow(min(sum, 1.0), vec3(1.0 / 2.2)), 1.0);
 }}
 """

@@ -176,6 +176,26 @@ def test_a_shadow_lies_where_the_light_is_blocked(renderer: Renderer, kind: Ligh
     assert (columns.mean(), rows.mean()) == pytest.approx((u_px, v_px), abs=1.0)
 
 
+@pytest.mark.parametrize(("lifted_m", "darker"), [(0.0, True), (0.5, False)])
+def test_the_ground_is_darker_under_a_robot_that_stands_on_it(
+    renderer: Renderer, lifted_m: float, darker: bool
+):
+    floor = placed("quad", (0.0, 0.0, 0.0), size_m=(9.0, 9.0, 1.0))
+    robot = placed("box", (0.7, 0.0, 0.1 + lifted_m), size_m=(0.2, 0.2, 0.2), name="r1")
+    rgb, plain = (
+        renderer.render(scene_of(floor, robot, robot=name)).rgb[:, :, 0].astype(int) for name in ("r1", None)
+    )
+    u_px, v_px = np.round(projected(np.array([[0.59, 0.0, 0.0]]), facing_x())[0]).astype(int)
+    assert (rgb[v_px, u_px] < plain[v_px, u_px] - 5) == darker
+    assert (rgb <= plain).all()
+
+
+def test_an_empty_scene_is_black(renderer: Renderer):
+    rendering = renderer.render(scene_of())
+    assert not rendering.rgb.any()
+    assert (rendering.instance_ids == NO_INSTANCE).all()
+
+
 @pytest.mark.parametrize("mesh", ["box", "quad"])
 @pytest.mark.parametrize("side_m", [0.7, 3.0])
 def test_a_texture_keeps_its_scale_however_a_mesh_is_stretched(renderer: Renderer, mesh: str, side_m: float):
