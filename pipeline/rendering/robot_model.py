@@ -118,18 +118,17 @@ def robot_parts(glb: bytes) -> dict[str, trimesh.Trimesh]:
 
 
 def part_material(part: trimesh.Trimesh) -> Material:
-    """A part's own material; where the GLB leaves it open, white plastic."""
-    material = getattr(part.visual, "material", None)
-    if not isinstance(material, PBRMaterial):
-        return Material(base_colour_rgb=(1.0, 1.0, 1.0), roughness=0.6)
-    factor = material.baseColorFactor
-    rgb = np.ones(3) if factor is None else np.asarray(factor, np.float64)[:3]
-    if factor is not None and np.asarray(factor).dtype == np.uint8:
-        rgb = rgb / 255.0
+    """A part's own material, texture apart, with glTF's defaults; white plastic where the GLB names none."""
+    own = getattr(part.visual, "material", None)
+    if not isinstance(own, PBRMaterial):
+        return Material(base_colour_rgb=(1.0, 1.0, 1.0))
+    factor = np.ones(4) if own.baseColorFactor is None else np.asarray(own.baseColorFactor)
+    if np.issubdtype(factor.dtype, np.integer):  # trimesh keeps glTF's linear factor as bytes
+        factor = factor / 255.0
     return Material(
-        base_colour_rgb=(float(rgb[0]), float(rgb[1]), float(rgb[2])),
-        metallic=0.0 if material.metallicFactor is None else float(material.metallicFactor),
-        roughness=0.6 if material.roughnessFactor is None else float(material.roughnessFactor),
+        base_colour_rgb=(float(factor[0]), float(factor[1]), float(factor[2])),
+        metallic=1.0 if own.metallicFactor is None else float(own.metallicFactor),
+        roughness=1.0 if own.roughnessFactor is None else float(own.roughnessFactor),
     )
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
+from trimesh.visual.material import PBRMaterial
 
 from pipeline.errors import ConfigError
 from pipeline.rendering.robot_model import (
@@ -197,6 +198,13 @@ def test_a_model_that_others_wrote_is_placed_by_its_nodes():
     parts = robot_parts(scene.export(file_type="glb"))
     assert parts["body"].bounds == pytest.approx(np.array([[-0.05, -0.05, 0.0], [0.05, 0.05, 0.1]]), abs=1e-6)
     assert part_material(parts["body"]).metallic == 0.0
+
+
+def test_a_part_takes_gltfs_defaults_for_what_its_material_leaves_open():
+    part = trimesh.creation.box()
+    part.visual = trimesh.visual.TextureVisuals(material=PBRMaterial(name="bare"))
+    assert part_material(part) == Material(base_colour_rgb=(1.0, 1.0, 1.0), metallic=1.0, roughness=1.0)
+    assert part_material(trimesh.creation.box()) == Material(base_colour_rgb=(1.0, 1.0, 1.0))
 
 
 def _shift(*xyz_m: float) -> np.ndarray:
