@@ -103,16 +103,20 @@ def _add_object(rng: np.random.Generator, image: Field, textures: Sequence[Image
     wide, high = int(width_px * rng.uniform(0.05, 0.4)), int(height_px * rng.uniform(0.08, 0.6))
     left = int(rng.integers(-wide // 2, width_px - wide // 2))
     bottom = horizon + int(height_px * rng.uniform(-0.3, 0.2))
-    mask = np.zeros((height_px, width_px), np.uint8)
-    if rng.random() < 0.75:
-        cv2.rectangle(mask, (left, bottom - high), (left + wide, bottom), 255, -1)
-    else:
-        cv2.ellipse(mask, (left + wide // 2, bottom - high // 2), (wide // 2, high // 2), 0, 0, 360, 255, -1)
+    rows = slice(max(bottom - high, 0), min(bottom, height_px))
+    cols = slice(max(left, 0), min(left + wide, width_px))
+    seen = image[rows, cols]
+    if seen.size == 0:
+        return
     window = rng.random() < 0.2
     tint = np.full(3, rng.uniform(0.9, 1.3), np.float32) if window else _tint(cloth_tint(rng))
-    patch = np.ones(3, np.float32) if window else _patch(rng, textures, width_px, height_px, deep=False)
-    shade = np.linspace(rng.uniform(0.7, 1.1), rng.uniform(0.7, 1.1), width_px, dtype=np.float32)
-    image[:] = np.where(mask[..., None] > 0, tint * patch * shade[None, :, None], image)
+    patch = tint if window else tint * _patch(rng, textures, seen.shape[1], seen.shape[0], deep=False)
+    shade = np.linspace(rng.uniform(0.7, 1.1), rng.uniform(0.7, 1.1), seen.shape[1], dtype=np.float32)
+    shaded = np.broadcast_to(patch * shade[None, :, None], seen.shape)
+    v, u = np.ogrid[rows, cols]
+    across, down = (u - left - 0.5 * wide) / (0.5 * wide), (v - bottom + 0.5 * high) / (0.5 * high)
+    inside = across**2 + down**2 < 1.0 if rng.random() < 0.25 else np.full(seen.shape[:2], True)
+    seen[inside] = shaded[inside]
 
 
 def _daylight(rng: np.random.Generator, width_px: int, height_px: int) -> Field:

@@ -15,7 +15,7 @@ from pipeline.geometry.se2 import Array
 from pipeline.rendering import materials
 from pipeline.rendering.backgrounds import draw_background
 from pipeline.rendering.distractors import draw_thing
-from pipeline.rendering.effects import draw_effects
+from pipeline.rendering.effects import WHITE_K, draw_effects
 from pipeline.rendering.lighting import SHADOW_SHARE, free_lighting
 from pipeline.rendering.plan_scene import QUAD
 from pipeline.rendering.randomise import (
@@ -67,7 +67,8 @@ def draw_free(
     ground_m = float(rng.uniform(1.0, 6.0))
     lighting = free_lighting(rng, target_m=centre_w, shadow=bool(rng.random() < SHADOW_SHARE))
     worn = looks.worn(rng, extent=1.5)
-    effects = draw_effects(rng, light_k=lighting.temperature_k())
+    # The background was taken in white light.
+    effects = draw_effects(rng, light_k=WHITE_K)
     background, background_kind = draw_background(
         rng, textures, photos, width_px=camera.width_px, height_px=camera.height_px
     )
@@ -135,6 +136,13 @@ def _any_rotation(rng: np.random.Generator) -> Array:
     )
 
 
+def _across(rng: np.random.Generator, along: Array) -> Array:
+    """(3,) unit vector square to another one, uniform."""
+    across = np.cross(along, rng.normal(size=3))
+    unit: Array = across / np.linalg.norm(across)
+    return unit
+
+
 def _ground(T_w_r1: Array, side_m: float, material: Material) -> Instance:
     """A square under the wheels; seen from above only."""
     return Instance(
@@ -155,8 +163,9 @@ def _things_around(
         reach_m = math.hypot(thing.radius_m, 0.5 * thing.height_m)
         if i == 0 and before:
             share = rng.uniform(0.45, 0.8)
-            aside = _any_rotation(rng)[0] * (reach_m + 0.5 * share * robot_m) * rng.uniform(0.4, 1.0)
-            at_w = eye_w + share * (centre_w - eye_w) + aside
+            # Uniform; so far aside that some of the robot is left to see.
+            aside_m = reach_m + rng.uniform(-0.9, 0.5) * share * robot_m
+            at_w = eye_w + share * (centre_w - eye_w) + aside_m * _across(rng, centre_w - eye_w)
         else:
             u_px, v_px = rng.uniform(0.0, camera.width_px), rng.uniform(0.0, camera.height_px)
             at_w = _at(camera, u_px, v_px, rng.uniform(0.6, 5.0))

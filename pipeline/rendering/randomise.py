@@ -241,12 +241,12 @@ def _in_view(rng: np.random.Generator, T_w_r0: SE2) -> Array:
 
 
 def _before(rng: np.random.Generator, meeting: Meeting, thing: Thing, seen: RobotSpec) -> Array:
-    """(16, 2) [m]: between the robots, to the side of the line by up to what leaves them in touch."""
+    """(16, 2) [m]: between the robots, so far aside that some of the robot seen is left to see."""
     assert meeting.T_w_r1 is not None
     eye_m, target_m = meeting.T_w_r0.as_array()[:2], meeting.T_w_r1.as_array()[:2]
     share = rng.uniform(0.3, 0.95, 16)[:, None]
-    # The nearer to the eye, the narrower the cone in which the robot is.
-    reach_m = thing.radius_m + share * 0.5 * seen.size_m[1]
-    aside_m = rng.choice([-1.0, 1.0], 16)[:, None] * rng.uniform(0.3, 1.0, 16)[:, None] * reach_m
+    # Uniform; the nearer to the eye, the narrower the cone in which the robot is.
+    edge = rng.uniform(-0.7, 0.9, 16)[:, None] * share * 0.5 * seen.size_m[1]
+    aside_m = rng.choice([-1.0, 1.0], 16)[:, None] * (thing.radius_m + edge)
     along = (target_m - eye_m) / np.linalg.norm(target_m - eye_m)
     return eye_m + share * (target_m - eye_m) + aside_m * np.array([-along[1], along[0]])

@@ -119,7 +119,7 @@ def _range_and_column(rng: np.random.Generator, observer: RobotSpec, seen: Robot
         return range_m, float(rng.uniform(0.0, camera.width_px))
     half_px = 0.5 * seen.size_m[1] * camera.fx_px / range_m
     edge_px = float(rng.choice([0.0, camera.width_px]))
-    return range_m, edge_px + float(rng.uniform(-0.9, 0.9)) * half_px
+    return range_m, edge_px + float(rng.uniform(-0.75, 0.75)) * half_px
 
 
 def _anywhere(rng: np.random.Generator, place: FurnishedPlan, stand: shapely.Geometry) -> Array:
