@@ -76,6 +76,7 @@ void main() {{
 
 _SHADE = f"""
 const float PI = 3.14159265;
+const float STRETCH = 3.0;
 in vec3 p_w;
 in vec3 normal_w;
 in vec3 texture_p;
@@ -102,6 +103,11 @@ vec3 texture_colour(float layer) {{
     vec2 at = texture_p.xy, at_dx = dx.xy, at_dy = dy.xy;
     if (along.x > along.y && along.x > along.z) {{ at = texture_p.yz; at_dx = dx.yz; at_dy = dy.yz; }}
     else if (along.y > along.z) {{ at = texture_p.xz; at_dx = dx.xz; at_dy = dy.xz; }}
+    // On a floor seen from low above, the coarser direction would blur the other away. True anisotropic
+    // filtering takes a picture from 90 to 156 ms on the CPU.
+    float a = dot(at_dx, at_dx) + 1e-12, b = dot(at_dy, at_dy) + 1e-12;
+    at_dx *= min(1.0, STRETCH * sqrt(b / a));
+    at_dy *= min(1.0, STRETCH * sqrt(a / b));
     return textureGrad(textures, vec3(at, layer), at_dx, at_dy).rgb;
 }}
 

@@ -16,6 +16,7 @@ from pipeline.geometry.se2 import Array
 from pipeline.rendering import gl
 from pipeline.rendering.renderer import Renderer
 from pipeline.rendering.scene import NO_INSTANCE, Light, LightKind, Material, Scene
+from tests.rendering.golden import GOLDEN, golden_scene
 from tests.rendering.scenes import (
     CAMERA,
     CHECKED,
@@ -243,6 +244,13 @@ def test_two_processes_draw_the_same_bits(renderer: Renderer):
         first, second = workers.map(_digest, [3, 3], chunksize=1)
     assert first == second == _digest(3)
     assert first != _digest(4)
+
+
+def test_a_picture_is_that_of_other_machines_but_for_rounding(renderer: Renderer):
+    golden = cv2.imread(str(GOLDEN))[:, :, ::-1].astype(int)
+    difference = np.abs(renderer.render(golden_scene()).rgb - golden).max(axis=2)
+    assert difference.mean() < 0.5
+    assert (difference > 8).mean() < 0.005
 
 
 def test_memory_stays_flat_over_300_pictures(renderer: Renderer):

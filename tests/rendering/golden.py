@@ -1,0 +1,24 @@
+"""The picture that renders are compared with: `python -m tests.rendering.golden` takes on a wanted change."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from pipeline.rendering.renderer import Renderer
+from pipeline.rendering.scene import Scene
+from tests.rendering.scenes import CAMERA, crowded_scene, pool, textures
+
+GOLDEN = Path(__file__).parent / "golden.png"
+
+
+def golden_scene() -> Scene:
+    """The robot amid boxes, with shadows."""
+    return crowded_scene(np.random.default_rng(7), boxes=12)
+
+
+if __name__ == "__main__":
+    drawn = Renderer(pool(), textures(), width_px=CAMERA.width_px, height_px=CAMERA.height_px)
+    cv2.imwrite(str(GOLDEN), drawn.render(golden_scene()).rgb[:, :, ::-1])
