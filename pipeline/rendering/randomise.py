@@ -226,7 +226,7 @@ def _things_on_floor(
     for i in range(int(rng.poisson(3.0)) + before):
         thing = draw_thing(rng, variants=variants)
         hides = i == 0 and before
-        xy_m = _before(rng, meeting, thing, seen) if hides else _in_view(rng, meeting.T_w_r0)
+        xy_m = _before(rng, meeting, thing, seen) if hides else _in_view(rng, meeting, thing)
         pose = place_on_floor(rng, thing, free=place.floor, xy_m=xy_m, taken=taken)
         if pose is not None:
             taken.append((pose.x_m, pose.y_m, thing.radius_m))
@@ -234,10 +234,17 @@ def _things_on_floor(
     return tuple(placed)
 
 
-def _in_view(rng: np.random.Generator, T_w_r0: SE2) -> Array:
-    """(16, 2) [m]: distance and bearing uniform."""
+def _in_view(rng: np.random.Generator, meeting: Meeting, thing: Thing) -> Array:
+    """(N, 2) [m]: distance and bearing uniform, off the line of sight between the robots."""
     away_m, bearing_rad = rng.uniform(0.4, VIEW_M, 16), rng.uniform(-0.55, 0.55, 16)
-    return T_w_r0 @ (away_m[:, None] * np.stack([np.cos(bearing_rad), np.sin(bearing_rad)], axis=1))
+    p_r0 = away_m[:, None] * np.stack([np.cos(bearing_rad), np.sin(bearing_rad)], axis=1)
+    places_m = meeting.T_w_r0 @ p_r0
+    if meeting.T_w_r1 is None:
+        return places_m
+    ends_m = [pose.as_array()[:2] for pose in (meeting.T_w_r0, meeting.T_w_r1)]
+    gaps_m = shapely.distance(shapely.LineString(ends_m), shapely.points(places_m))
+    off_line: Array = places_m[gaps_m > thing.radius_m]
+    return off_line
 
 
 def _before(rng: np.random.Generator, meeting: Meeting, thing: Thing, seen: RobotSpec) -> Array:
