@@ -33,6 +33,7 @@ class FurnishedPlan:
         furniture: its solids.
         wall_height_m: height of walls and ceiling.
         floor: the floor that no furniture stands on [m].
+        edge: the border of that floor [m].
         clear: what a line of sight at a robot's height passes through [m].
     """
 
@@ -40,7 +41,13 @@ class FurnishedPlan:
     furniture: tuple[Solid, ...]
     wall_height_m: float
     floor: shapely.Geometry
+    edge: shapely.Geometry
     clear: shapely.Geometry
+
+    def stands(self, xy_m: Array, *, radius_m: float) -> NDArray[np.bool_]:
+        """(N,) bool: where (N, 2) [m] a circle of this radius lies on free floor."""
+        inside = shapely.contains_xy(self.floor, xy_m)
+        return inside & ~shapely.dwithin(self.edge, shapely.points(xy_m), radius_m)
 
 
 def furnished_plan(plan: Floorplan, furniture: Sequence[Solid], *, wall_height_m: float) -> FurnishedPlan:
@@ -51,9 +58,15 @@ def furnished_plan(plan: Floorplan, furniture: Sequence[Solid], *, wall_height_m
     # Legs hide little: through them one sees.
     wide = [s for s in furniture if s.z0_m < LOW_M and max(s.half_x_m, s.half_y_m) > 0.05]
     clear = space.difference(shapely.union_all([_footprint(solid) for solid in wide]))
-    shapely.prepare([floor, clear])
+    edge = floor.boundary
+    shapely.prepare([floor, edge, clear])
     return FurnishedPlan(
-        plan=plan, furniture=tuple(furniture), wall_height_m=wall_height_m, floor=floor, clear=clear
+        plan=plan,
+        furniture=tuple(furniture),
+        wall_height_m=wall_height_m,
+        floor=floor,
+        edge=edge,
+        clear=clear,
     )
 
 
@@ -88,11 +101,9 @@ def draw_meeting(
     Raises:
         FloorplanError: there is no room for two robots.
     """
-    stand_0 = place.floor.buffer(-observer.radius_m)
-    stand_1 = place.floor.buffer(-seen.radius_m)
     for _ in range(DRAWS):
         range_m, column_px = _range_and_column(rng, observer, seen)
-        poses_0 = _anywhere(rng, place, stand_0)
+        poses_0 = _anywhere(rng, place, observer)
         if absent and len(poses_0):
             return Meeting(T_w_r0=SE2.from_array(poses_0[0]), T_w_r1=None)
         centres_m = _seen_centres(poses_0, observer, seen, range_m, column_px)
@@ -100,7 +111,8 @@ def draw_meeting(
         c, s = np.cos(headings_rad), np.sin(headings_rad)
         dx_m, dy_m, _ = seen.cuboid.centre_m
         feet_m = centres_m - np.stack([c * dx_m - s * dy_m, s * dx_m + c * dy_m], axis=1)
-        good = shapely.contains_xy(stand_1, feet_m) & _in_sight(place, poses_0, centres_m, observer, seen)
+        good = place.stands(feet_m, radius_m=seen.radius_m)
+        good &= _in_sight(place, poses_0, centres_m, observer, seen)
         good &= np.hypot(*(feet_m - poses_0[:, :2]).T) > observer.radius_m + seen.radius_m
         for i in np.flatnonzero(good)[:1]:
             T_w_r1 = SE2(float(feet_m[i, 0]), float(feet_m[i, 1]), float(headings_rad[i]))
@@ -122,12 +134,12 @@ def _range_and_column(rng: np.random.Generator, observer: RobotSpec, seen: Robot
     return range_m, edge_px + float(rng.uniform(-0.75, 0.75)) * half_px
 
 
-def _anywhere(rng: np.random.Generator, place: FurnishedPlan, stand: shapely.Geometry) -> Array:
+def _anywhere(rng: np.random.Generator, place: FurnishedPlan, robot: RobotSpec) -> Array:
     """(N, 3) x [m], y [m], yaw [rad]: uniform over where a robot can stand."""
     low, high = place.plan.outline_m.min(axis=0), place.plan.outline_m.max(axis=0)
     xy_m = rng.uniform(low, high, size=(BATCH, 2))
     yaw_rad = rng.uniform(-math.pi, math.pi, size=BATCH)
-    return np.column_stack([xy_m, yaw_rad])[shapely.contains_xy(stand, xy_m)]
+    return np.column_stack([xy_m, yaw_rad])[place.stands(xy_m, radius_m=robot.radius_m)]
 
 
 def _seen_centres(
