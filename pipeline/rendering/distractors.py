@@ -72,11 +72,19 @@ def _sized(x_m: float, y_m: float, z_m: float, *, up_m: float = 0.0, yaw_rad: fl
 
 
 def _block(
-    x_m: float, y_m: float, z_m: float, material: Material, *, up_m: float = 0.0, yaw: float = 0.0
+    x_m: float,
+    y_m: float,
+    z_m: float,
+    material: Material,
+    *,
+    up_m: float = 0.0,
+    yaw_rad: float = 0.0,
+    aside_m: float = 0.0,
 ) -> ThingPart:
-    return ThingPart(
-        mesh=BOX, T_t=_sized(x_m, y_m, z_m, up_m=up_m + 0.5 * z_m, yaw_rad=yaw), material=material
-    )
+    """A box of these sides, its bottom at `up_m`, moved along its own y axis."""
+    T_t = _sized(x_m, y_m, z_m, up_m=up_m + 0.5 * z_m, yaw_rad=yaw_rad)
+    T_t[:2, 3] = -math.sin(yaw_rad) * aside_m, math.cos(yaw_rad) * aside_m
+    return ThingPart(mesh=BOX, T_t=T_t, material=material)
 
 
 def _round(
@@ -102,16 +110,21 @@ def _carton(rng: np.random.Generator, variants: int) -> Thing:
 
 
 def _book_pile(rng: np.random.Generator, variants: int) -> Thing:
-    """One to five books, each turned a little: cover and pages."""
+    """One to five books, each turned a little: covers, pages, back."""
     parts: list[ThingPart] = []
     up_m = reach_m = 0.0
     paper = Material(base_colour_rgb=materials.linear_rgb((0.9, 0.87, 0.8)), roughness=0.95)
     for _ in range(int(rng.integers(1, 6))):
         x_m, y_m, z_m = rng.uniform(0.15, 0.3), rng.uniform(0.11, 0.21), rng.uniform(0.012, 0.045)
-        yaw, cover = rng.normal(0.0, 0.3), materials.plastic(rng, variants)
-        parts.append(_block(x_m, y_m, 0.003, cover, up_m=up_m, yaw=yaw))
-        parts.append(_block(x_m - 0.012, y_m - 0.012, z_m - 0.006, paper, up_m=up_m + 0.003, yaw=yaw))
-        parts.append(_block(x_m, y_m, 0.003, cover, up_m=up_m + z_m - 0.003, yaw=yaw))
+        yaw_rad, cover = rng.normal(0.0, 0.3), materials.plastic(rng, variants)
+        parts += [
+            _block(x_m, y_m, 0.003, cover, up_m=up_m, yaw_rad=yaw_rad),
+            _block(x_m - 0.012, y_m - 0.012, z_m - 0.006, paper, up_m=up_m + 0.003, yaw_rad=yaw_rad),
+            _block(x_m, y_m, 0.003, cover, up_m=up_m + z_m - 0.003, yaw_rad=yaw_rad),
+            _block(
+                x_m, 0.004, z_m - 0.006, cover, up_m=up_m + 0.003, yaw_rad=yaw_rad, aside_m=0.5 * y_m - 0.002
+            ),
+        ]
         up_m, reach_m = up_m + z_m, max(reach_m, 0.5 * math.hypot(x_m, y_m))
     return Thing(kind="books", parts=tuple(parts), radius_m=reach_m, height_m=up_m)
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import shapely
+import trimesh
 
 from pipeline.geometry.camera import camera_pose, se3_from_se2
 from pipeline.geometry.se2 import SE2, Array
@@ -20,8 +21,9 @@ from pipeline.rendering.distractors import Thing, draw_thing, place_on_floor
 from pipeline.rendering.effects import CameraEffects, draw_effects
 from pipeline.rendering.lighting import SHADOW_SHARE, Lighting, room_lighting
 from pipeline.rendering.record import JsonValue, plain
+from pipeline.rendering.robot_model import part_material
 from pipeline.rendering.room_looks import RoomLooks, draw_room_looks, room_instances
-from pipeline.rendering.scene import Instance, Material, Scene
+from pipeline.rendering.scene import Instance, Material, MeshPool, Scene
 from pipeline.rendering.viewpoints import FurnishedPlan, Meeting, draw_meeting
 from pipeline.simulation.robot import RobotSpec
 
@@ -58,6 +60,13 @@ class RobotLooks:
     def worn(self, rng: np.random.Generator, *, extent: float) -> Mapping[str, Material]:
         """Its materials, each part a little different from how it was built."""
         return {key: materials.worn(rng, material, extent=extent) for key, material in self.parts.items()}
+
+
+def robot_looks(spec: RobotSpec, parts: Mapping[str, trimesh.Trimesh]) -> tuple[RobotLooks, MeshPool]:
+    """A robot's looks as built and its meshes by key, of its parts by name."""
+    keyed = {f"{spec.name}/{name}": part for name, part in parts.items()}
+    as_built = {key: part_material(part) for key, part in keyed.items()}
+    return RobotLooks(spec=spec, parts=as_built), {key: (part,) for key, part in keyed.items()}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -6,13 +6,21 @@ from functools import cache
 import numpy as np
 import pytest
 import shapely
+import trimesh
 
 from pipeline.errors import FloorplanError
 from pipeline.floorplan.furnish import furnish
 from pipeline.geometry.camera import camera_pose, se3_from_se2
 from pipeline.geometry.se2 import SE2
 from pipeline.rendering.plan_scene import plan_meshes
-from pipeline.rendering.randomise import ROBOT, RobotLooks, camera_tilt, draw_plausible, room_scene
+from pipeline.rendering.randomise import (
+    ROBOT,
+    RobotLooks,
+    camera_tilt,
+    draw_plausible,
+    robot_looks,
+    room_scene,
+)
 from pipeline.rendering.room_looks import draw_room_looks
 from pipeline.rendering.scene import Material
 from pipeline.rendering.textures import KINDS, texture_key
@@ -197,6 +205,18 @@ def test_a_view_with_known_poses_has_the_robot_there():
     assert all(np.allclose(part.T_w, se3_from_se2(T_w_r1)) for part in _robot(drawn.scene))
     assert drawn.scene.robot == ROBOT
     assert not [x for x in drawn.scene.instances if x.name.startswith("thing-")]
+
+
+def test_a_robots_parts_become_its_meshes_and_materials():
+    grey = trimesh.visual.material.PBRMaterial(baseColorFactor=[0.2, 0.3, 0.4, 1.0], roughnessFactor=0.5)
+    part = trimesh.creation.box([0.1, 0.1, 0.1])
+    part.visual = trimesh.visual.TextureVisuals(material=grey)
+    looks, meshes = robot_looks(BURGER, {"lid": part})
+    assert meshes == {"burger/lid": (part,)}
+    assert looks.parts["burger/lid"].roughness == 0.5
+    assert looks.parts["burger/lid"].base_colour_rgb == pytest.approx((0.2, 0.3, 0.4), abs=0.005)
+    placed = looks.instances(np.eye(4), looks.parts)
+    assert [(x.name, x.mesh) for x in placed] == [("r1/lid", "burger/lid")]
 
 
 def test_pitch_lowers_the_view_of_a_camera():
