@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import trimesh
+from PIL import Image as PilImage
 
 from pipeline.geometry.camera import PinholeCamera, camera_pose, se3_from_se2
 from pipeline.geometry.se2 import SE2, Array
@@ -27,7 +28,35 @@ def pool() -> MeshPool:
     upper.apply_translation([0.0, 0.0, 0.12])
     lower.apply_translation([0.02, 0.0, 0.06])
     marker = trimesh.creation.icosphere(subdivisions=2, radius=1.0)
-    return {**plan_meshes(), "marker": (marker,), "robot": (upper, lower)}
+    return {
+        **plan_meshes(),
+        "marker": (marker,),
+        "robot": (upper, lower),
+        "painted": (painted(),),
+        "poster": (poster(),),
+    }
+
+
+def painted() -> trimesh.Trimesh:
+    """A square of its own colour: linear, as glTF and trimesh keep it."""
+    square = plan_meshes()["quad"][0].copy()
+    material = trimesh.visual.material.PBRMaterial(
+        baseColorFactor=[255, 51, 0, 255], metallicFactor=0.0, roughnessFactor=1.0
+    )
+    square.visual = trimesh.visual.TextureVisuals(material=material)
+    return square
+
+
+def poster() -> trimesh.Trimesh:
+    """A square with a picture of its own, red left of the middle, and UVs that show it once."""
+    square = plan_meshes()["quad"][0].copy()
+    pixels = np.zeros((8, 8, 3), dtype=np.uint8)
+    pixels[:, :4, 0] = 255
+    material = trimesh.visual.material.PBRMaterial(
+        baseColorTexture=PilImage.fromarray(pixels), metallicFactor=0.0, roughnessFactor=1.0
+    )
+    square.visual = trimesh.visual.TextureVisuals(uv=square.vertices[:, :2] + 0.5, material=material)
+    return square
 
 
 def textures() -> TexturePool:

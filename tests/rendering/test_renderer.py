@@ -2,6 +2,8 @@ from __future__ import annotations
 
 import hashlib
 import multiprocessing
+import subprocess
+import sys
 from dataclasses import replace
 from itertools import product
 
@@ -207,6 +209,36 @@ def test_a_texture_keeps_its_scale_however_a_mesh_is_stretched(renderer: Rendere
     assert steps_px.mean() == pytest.approx(0.125 * CAMERA.fx_px, rel=0.02)
 
 
+def test_a_mesh_without_a_material_given_wears_its_own_colour(renderer: Renderer):
+    board = placed("painted", (0.0, 0.0, 0.0), material=None)
+    pixel = renderer.render(scene_of(board, T_w_c=looking_down(height_m=1.0))).rgb[72, 100] / 255.0
+    red, green, blue = pixel**2.2
+    sheen = blue  # of a dielectric, the same in all channels
+    assert (green - sheen) / (red - sheen) == pytest.approx(0.2, abs=0.02)
+
+
+def test_a_mesh_with_uvs_and_a_picture_of_its_own_shows_it_once(renderer: Renderer):
+    board = placed("poster", (0.0, 0.0, 0.0), size_m=(0.5, 0.5, 1.0), material=None)
+    scene = scene_of(board, T_w_c=looking_down(height_m=1.0))
+    rendering = renderer.render(scene)
+    red = np.argwhere(rendering.rgb[:, :, 0] > 150)[:, ::-1]
+    # Its u runs along x, which is up in this image.
+    expected_px = projected(np.array([[-0.25, 0.25, 0.0], [0.0, -0.25, 0.0]]), scene.T_w_c)
+    assert red.min(axis=0) == pytest.approx(expected_px.min(axis=0), abs=2.0)
+    assert red.max(axis=0) == pytest.approx(expected_px.max(axis=0), abs=2.0)
+
+
+def test_the_border_of_two_colours_in_one_plane_is_smooth(renderer: Renderer):
+    left = placed("quad", (0.0, -0.5, 0.0), name="left", material=GREY)
+    right = placed("quad", (0.0, 0.5, 0.0), name="right")
+    tilted = looking_down(height_m=1.0) @ np.array(
+        [[0.98, -0.199, 0, 0], [0.199, 0.98, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
+    )
+    row = renderer.render(scene_of(left, right, T_w_c=tilted)).rgb[60:90, 80:120, 0].astype(int)
+    between = (row > row.min() + 5) & (row < row.max() - 5)
+    assert between.any(axis=1).mean() > 0.5
+
+
 def test_the_background_shows_wherever_nothing_stands(renderer: Renderer):
     background = np.random.default_rng(0).integers(0, 256, (144, 208, 3), dtype=np.uint8)
     scene = scene_of(placed("box", (2.0, 0.0, 0.1), size_m=(0.3, 0.3, 0.3)), background=background)
@@ -279,6 +311,11 @@ def test_what_is_in_no_pool_is_named(renderer: Renderer):
 
 def test_the_one_who_draws_has_a_name(renderer: Renderer):
     assert gl.renderer_name()
+
+
+def test_importing_the_renderer_needs_no_graphics_library():
+    code = "import sys, pipeline.rendering.renderer; sys.exit('OpenGL' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 
 def test_a_missing_library_is_one_line_that_says_what_to_install(monkeypatch: pytest.MonkeyPatch):
