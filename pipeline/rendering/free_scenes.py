@@ -28,8 +28,8 @@ from pipeline.rendering.randomise import (
     drawn_record,
     thing_instances,
 )
-from pipeline.rendering.record import plain
-from pipeline.rendering.scene import Image, Instance, Material, Scene
+from pipeline.rendering.record import JsonValue, plain
+from pipeline.rendering.scene import Image, Instance, Scene
 from pipeline.rendering.viewpoints import MAX_RANGE_M, MIN_RANGE_M
 from pipeline.simulation.robot import RobotSpec
 
@@ -61,37 +61,30 @@ def draw_free(
     T_w_r1 = draw_pose(rng, looks.spec, camera)
     centre_w = (T_w_r1 @ looks.spec.cuboid.T_r_o())[:3, 3]
     things = _things_around(rng, centre_w, looks.spec, camera, variants=variants)
-    surfaces: dict[str, Material] = {}
-    if rng.random() < GROUND_SHARE:
-        surfaces["ground"] = materials.any_texture_material(rng, variants)
-    ground_m = float(rng.uniform(1.0, 6.0))
+    ground = _draw_ground(rng, T_w_r1, variants=variants)
     lighting = free_lighting(rng, target_m=centre_w, shadow=bool(rng.random() < SHADOW_SHARE))
     worn = looks.worn(rng, extent=1.5)
     # The background was taken in white light.
     effects = draw_effects(rng, light_k=WHITE_K)
-    background, background_kind = draw_background(
-        rng, textures, photos, width_px=camera.width_px, height_px=camera.height_px
-    )
-    instances = [
-        *(_ground(T_w_r1, ground_m, material) for material in surfaces.values()),
-        *thing_instances(things),
-        *(() if absent else looks.instances(T_w_r1, worn)),
-    ]
+    size = {"width_px": camera.width_px, "height_px": camera.height_px}
+    background, background_kind = draw_background(rng, textures, photos, **size)
+    robot = () if absent else looks.instances(T_w_r1, worn)
     scene = Scene(
         camera=camera,
         T_w_c=T_W_C,
-        instances=tuple(instances),
+        instances=(*ground, *thing_instances(things), *robot),
         lights=tuple(lamp.light() for lamp in lighting.lamps),
         ambient_rgb=lighting.ambient_rgb,
         background=background,
         robot=None if absent else ROBOT,
     )
-    drawn = {"absent": absent, "T_w_r1": T_w_r1, "ground_side_m": ground_m, "background": background_kind}
-    record = {
+    own: dict[str, JsonValue] = {
         "mode": "free",
-        **{key: plain(value) for key, value in drawn.items()},
-        **drawn_record(lighting, surfaces, worn, things, effects),
+        "absent": absent,
+        "T_w_r1": plain(T_w_r1),
+        "background": background_kind,
     }
+    record = own | drawn_record(lighting, _surfaces(ground), worn, things, effects)
     return Drawn(scene=scene, effects=effects, record=record)
 
 
@@ -143,11 +136,17 @@ def _across(rng: np.random.Generator, along: Array) -> Array:
     return unit
 
 
-def _ground(T_w_r1: Array, side_m: float, material: Material) -> Instance:
-    """A square under the wheels; seen from above only."""
-    return Instance(
-        name="ground", mesh=QUAD, T_w=T_w_r1 @ np.diag([side_m, side_m, 1.0, 1.0]), material=material
-    )
+def _draw_ground(rng: np.random.Generator, T_w_r1: Array, *, variants: int) -> tuple[Instance, ...]:
+    """Half the time, a square under the wheels, 1 to 6 m wide, uniform; seen from above only."""
+    if rng.random() >= GROUND_SHARE:
+        return ()
+    side_m, material = rng.uniform(1.0, 6.0), materials.any_texture_material(rng, variants)
+    T_w = T_w_r1 @ np.diag([side_m, side_m, 1.0, 1.0])
+    return (Instance(name="ground", mesh=QUAD, T_w=T_w, material=material),)
+
+
+def _surfaces(ground: tuple[Instance, ...]) -> dict[str, JsonValue]:
+    return {quad.name: {"T_w": plain(quad.T_w), "material": plain(quad.material)} for quad in ground}
 
 
 def _things_around(

@@ -154,35 +154,26 @@ def room_scene(
         T_w_r1: pose of the robot that may be seen; None if it is not there.
         things: what lies about.
     """
-    lighting = room_lighting(
-        rng,
-        places_m=_lamp_places(rng, place, T_w_c),
-        ceiling_m=place.wall_height_m,
-        shadow=bool(rng.random() < SHADOW_SHARE),
-    )
+    places_m, shadow = _lamp_places(rng, place, T_w_c), bool(rng.random() < SHADOW_SHARE)
+    lighting = room_lighting(rng, places_m=places_m, ceiling_m=place.wall_height_m, shadow=shadow)
     worn = looks.worn(rng, extent=1.0)
     effects = draw_effects(rng, light_k=lighting.temperature_k())
-    instances = [
-        *room_instances(place, room_looks),
-        *thing_instances(things),
-        *(looks.instances(se3_from_se2(T_w_r1), worn) if T_w_r1 else ()),
-    ]
+    robot = looks.instances(se3_from_se2(T_w_r1), worn) if T_w_r1 else ()
     scene = Scene(
         camera=observer.camera.intrinsics(),
         T_w_c=T_w_c,
-        instances=tuple(instances),
+        instances=(*room_instances(place, room_looks), *thing_instances(things), *robot),
         lights=tuple(lamp.light() for lamp in lighting.lamps),
         ambient_rgb=lighting.ambient_rgb,
         robot=ROBOT if T_w_r1 else None,
     )
-    return Drawn(
-        scene=scene, effects=effects, record=drawn_record(lighting, room_looks, worn, things, effects)
-    )
+    record = drawn_record(lighting, room_looks, worn, things, effects)
+    return Drawn(scene=scene, effects=effects, record=record)
 
 
 def drawn_record(
     lighting: Lighting,
-    surfaces: RoomLooks | Mapping[str, Material],
+    surfaces: RoomLooks | Mapping[str, JsonValue],
     worn: Mapping[str, Material],
     things: Sequence[PlacedThing],
     effects: CameraEffects,
