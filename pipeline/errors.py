@@ -31,3 +31,17 @@ class SplitError(PipelineError):
 
 class SetupError(PipelineError):
     """A package or system library that is missing."""
+
+
+def require_within(record: object, **bounds: tuple[float, float]) -> None:
+    """Check fields of a record of settings against closed bounds.
+
+    Raises:
+        ConfigError: names the field, its value, and the bounds.
+    """
+    for field, (low, high) in bounds.items():
+        value = getattr(record, field)
+        if not low <= value <= high:
+            raise ConfigError(
+                f"{type(record).__name__}: {field} is {value}; must be from {low:g} to {high:g}"
+            )

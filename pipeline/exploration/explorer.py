@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numba as nb
 import numpy as np
 
+from pipeline.errors import require_within
 from pipeline.exploration.frontier import PlanningMap, Reach, frontiers, path_m, planning_map, reach
 from pipeline.geometry.se2 import Array
 from pipeline.simulation.drive import TICK_S
@@ -55,6 +56,15 @@ class ExplorerParameters:
     slip_m: float = 0.012
     slip_rad: float = 0.06
     stuck_s: float = 5.0
+
+    def __post_init__(self) -> None:
+        require_within(
+            self, hard_clearance_m=(0.02, 2), soft_clearance_m=(self.hard_clearance_m, 5),
+            least_frontier_m=(0.05, 10), gain=(0, 100), replan_s=(0.1, 600), lookahead_m=(0.05, 5),
+            turn_gain=(0.1, 20), turn_limit_radps=(0.05, 10), turn_first_rad=(0.05, 3.2),
+            accel_mps2=(0.05, 50), turn_accel_radps2=(0.1, 100), clear_m=(0, 2), slip_m=(1e-3, 1),
+            slip_rad=(1e-3, 7), stuck_s=(0.5, 600),
+        )  # fmt: skip
 
 
 _BACK_OFF_S = 1.2
@@ -123,7 +133,12 @@ class Explorer:
         self._spec = spec
         self._p = parameters
         self._rng = rng
-        self.slam = Slam(bearings_rad=beam_bearings(spec.lidar), lidar_x_m=spec.lidar.x_m, parameters=slam)
+        self.slam = Slam(
+            bearings_rad=beam_bearings(spec.lidar),
+            lidar_x_m=spec.lidar.x_m,
+            range_max_m=spec.lidar.range_max_m,
+            parameters=slam,
+        )
         self._odometry = WheelOdometry(wheel_radius_m=spec.wheels.radius_m, track_m=spec.wheels.track_m)
         self._knots: list[Array] = []
         self._time_s = 0.0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from pipeline.errors import ConfigError, require_within
 from pipeline.exploration.explorer import ExplorerParameters
 from pipeline.exploration.rendezvous import Sighting
 from pipeline.geometry.occupancy_grid import OccupancyGrid
@@ -26,6 +27,11 @@ class SightingParameters:
     min_range_m: float = 0.4
     max_range_m: float = 4.0
     least_visible: float = 0.5
+
+    def __post_init__(self) -> None:
+        require_within(
+            self, min_range_m=(0, 100), max_range_m=(self.min_range_m, 100), least_visible=(0.01, 1)
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -56,6 +62,17 @@ class EpisodeParameters:
     odometry_noise: OdometryNoise = field(default_factory=OdometryNoise)
     explorer: ExplorerParameters = field(default_factory=ExplorerParameters)
     slam: SlamParameters = field(default_factory=SlamParameters)
+
+    def __post_init__(self) -> None:
+        require_within(
+            self, max_time_s=(1, 36_000), least_explored_m2=(0, 1e6), max_events=(1, 1000),
+            event_gap_s=(0, 36_000), event_gap_m=(0, 1e6), trajectory_step_s=(0.01, 600),
+        )  # fmt: skip
+        low_s, high_s = self.first_event_s
+        if not 0.0 < low_s <= high_s:
+            raise ConfigError(
+                f"EpisodeParameters: first_event_s is [{low_s}, {high_s}]; must be two rising times above 0"
+            )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

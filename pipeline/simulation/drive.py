@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
+from pipeline.errors import require_within
 from pipeline.floorplan.records import Solid
 from pipeline.geometry.se2 import SE2, Array
 from pipeline.simulation.nearby import Nearby, Slots
@@ -35,6 +36,22 @@ class OdometryNoise:
     tick_rad: float = 2.0 * math.pi / 4096
     jitter_rad: float = 0.001
     planar_slip: float = 0.02
+
+    def __post_init__(self) -> None:
+        require_within(
+            self, scale_sigma=(0, 0.2), tick_rad=(1e-6, 1), jitter_rad=(0, 0.5), planar_slip=(0, 0.5)
+        )
+
+
+_DIVERGED = (
+    mujoco.mjtWarning.mjWARN_BADQPOS,
+    mujoco.mjtWarning.mjWARN_BADQVEL,
+    mujoco.mjtWarning.mjWARN_BADQACC,
+    mujoco.mjtWarning.mjWARN_BADCTRL,
+)
+
+# Or MuJoCo writes a log file into the working directory; what it warns of is looked up in every step.
+mujoco.set_mju_user_warning(lambda message: None)
 
 
 class Encoder:
@@ -97,6 +114,8 @@ class Physics:
             slots=0 if self._nearby is None else len(robots) * self._nearby.most,
         )
         self._model = mujoco.MjModel.from_xml_string(mjcf)
+        # MuJoCo would put everything back to its start and go on.
+        self._model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
         self._slots = Slots(self._model, solids)
         self._data = mujoco.MjData(self._model)
         self._robots = robots
@@ -137,7 +156,7 @@ class Physics:
             self._turn_planar_wheels(before_w)
         else:
             self._read_wheels()
-        if not np.isfinite(self._poses_w).all():
+        if any(self._data.warning[kind].number for kind in _DIVERGED) or not np.isfinite(self._poses_w).all():
             raise FloatingPointError(f"the physics diverged at {self.time_s:.2f} s")
 
     @property

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pipeline.errors import require_within
 from pipeline.geometry.se2 import Array
 from pipeline.simulation.robot import LidarSpec
 
@@ -22,6 +23,9 @@ class LidarNoise:
     sigma_ratio: float = 0.01
     step_m: float = 0.001
     dropout: float = 0.01
+
+    def __post_init__(self) -> None:
+        require_within(self, sigma_m=(0, 1), sigma_ratio=(0, 0.5), step_m=(0, 0.5), dropout=(0, 1))
 
 
 def noisy_ranges(ranges_m: Array, spec: LidarSpec, noise: LidarNoise, *, rng: np.random.Generator) -> Array:

@@ -176,6 +176,7 @@ class RobotSpec:
 
     def wheel_speeds(self, speed_mps: float, turn_rate_radps: float) -> tuple[float, float]:
         """Left and right wheel speed [rad/s] of a twist, scaled down together to the robot's limits."""
+        turn_rate_radps = max(-self.max_turn_rate_radps, min(self.max_turn_rate_radps, turn_rate_radps))
         half_track_m = 0.5 * self.wheels.track_m
         limit_radps = self.max_speed_mps / self.wheels.radius_m
         left = (speed_mps - half_track_m * turn_rate_radps) / self.wheels.radius_m

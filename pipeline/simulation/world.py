@@ -11,8 +11,10 @@ from collections.abc import Sequence
 from enum import StrEnum
 from xml.sax.saxutils import quoteattr
 
+import numpy as np
+
 from pipeline.floorplan.records import Shape, Solid
-from pipeline.geometry.se2 import SE2
+from pipeline.geometry.se2 import SE2, Array
 from pipeline.simulation.robot import RobotSpec
 
 
@@ -92,7 +94,7 @@ def scene_mjcf(
 
 def _solid_geom(solid: Solid) -> str:
     half_z_m = 0.5 * (solid.z1_m - solid.z0_m)
-    pos = f"{solid.x_m:.6g} {solid.y_m:.6g} {solid.z0_m + half_z_m:.6g}"
+    pos = f"{solid.x_m:.9g} {solid.y_m:.9g} {solid.z0_m + half_z_m:.9g}"
     rgba = _RGBA.get(solid.category, _FURNITURE_RGBA)
     if solid.shape is Shape.CYLINDER:
         form = f'type="cylinder" size="{solid.half_x_m:.6g} {half_z_m:.6g}"'
@@ -124,9 +126,20 @@ def _robot_body(name: str, spec: RobotSpec, T_w_r: SE2, rgba: str, drive: Drive)
         diaginertia="{_cylinder_inertia(body_mass_kg, chassis.radius_m, height_m)}"/>
       <geom type="cylinder" size="{spec.lidar.cap_radius_m} {lidar_half_m:.6g}" rgba="0.1 0.1 0.1 1"
         contype="0" conaffinity="0" pos="{spec.lidar.x_m} 0 {chassis.top_z_m + lidar_half_m:.6g}"/>
-      <camera name="{name}_camera" pos="{" ".join(map(str, camera.xyz_m))}" xyaxes="0 -1 0 0 0 1"
-        fovy="{2 * math.atan(0.5 * camera.height_px / camera.fy_px):.6g}"/>
+      <camera name="{name}_camera" {_camera_pose(spec)}
+        fovy="{math.degrees(2 * math.atan(0.5 * camera.height_px / camera.fy_px)):.6g}"/>
 {_shell(name, spec, rgba)}{moving}    </body>"""
+
+
+def _camera_pose(spec: RobotSpec) -> str:
+    """MuJoCo's cameras have x right and y up; the optical frame has y down. Its fovy is in degrees."""
+    T_r_c = spec.camera.T_r_c()
+    axes = np.concatenate([T_r_c[:3, 0], -T_r_c[:3, 1]])
+    return f'pos="{_numbers(T_r_c[:3, 3])}" xyaxes="{_numbers(axes)}"'
+
+
+def _numbers(values: Array) -> str:
+    return " ".join(f"{value:.9g}" for value in values.tolist())
 
 
 def _cylinder_inertia(mass_kg: float, radius_m: float, height_m: float) -> str:

@@ -9,6 +9,7 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.errors import require_within
 from pipeline.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from pipeline.geometry.se2 import SE2, Array
 
@@ -35,6 +36,12 @@ class MappingParameters:
     free: float = -0.62
     no_echo_free_m: float = 3.0
     no_echo_run: int = 5
+
+    def __post_init__(self) -> None:
+        require_within(
+            self, resolution_m=(0.01, 0.5), hit=(0.01, 10), miss=(-10, -0.01), limit=(0.1, 50),
+            occupied=(0, self.limit), free=(-self.limit, 0), no_echo_free_m=(0, 100), no_echo_run=(1, 10_000),
+        )  # fmt: skip
 
 
 @nb.njit(cache=True)

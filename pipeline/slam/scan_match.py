@@ -9,6 +9,7 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.errors import require_within
 from pipeline.geometry.se2 import Array
 from pipeline.slam.surface_map import NX, NY, WEIGHT, SurfaceMap, X, Y, nearest
 
@@ -39,6 +40,13 @@ class MatchParameters:
     prior_xy_per_m: float = 0.05
     prior_yaw_rad: float = 0.008
     prior_yaw_per_rad: float = 0.05
+
+    def __post_init__(self) -> None:
+        require_within(
+            self, cell_m=(0.02, 1), beam_step=(1, 90), normal_radius_m=(0.02, 2), gate_m=(0.01, 1),
+            same_side=(-1, 0.999), max_weight=(0.1, 1e9), iterations=(1, 100), prior_xy_m=(1e-6, 10),
+            prior_xy_per_m=(0, 10), prior_yaw_rad=(1e-6, 10), prior_yaw_per_rad=(0, 10),
+        )  # fmt: skip
 
 
 # Points look for their surface in the first steps only; by then the scan has nearly settled.

@@ -9,11 +9,15 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.errors import ConfigError, require_within
 from pipeline.geometry.occupancy_grid import OccupancyGrid
 from pipeline.geometry.se2 import Array
 from pipeline.slam.mapping import MappingParameters, OccupancyMapper
 from pipeline.slam.scan_match import MatchParameters, match_scan, scan_normals
 from pipeline.slam.surface_map import SurfaceMap
+
+MOST_CELLS = 8000
+"""Cells per side of the largest map."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -33,6 +37,18 @@ class SlamParameters:
     range_sigma_ratio: float = 0.01
     match: MatchParameters = field(default_factory=MatchParameters)
     mapping: MappingParameters = field(default_factory=MappingParameters)
+
+    def __post_init__(self) -> None:
+        require_within(
+            self, extent_m=(4, 400), keyframe_m=(0, 10), keyframe_rad=(0, 7), range_sigma_m=(1e-4, 1),
+            range_sigma_ratio=(0, 0.5),
+        )  # fmt: skip
+        cells = self.extent_m / self.mapping.resolution_m
+        if cells > MOST_CELLS:
+            raise ConfigError(
+                f"SlamParameters: extent_m {self.extent_m} at mapping.resolution_m "
+                f"{self.mapping.resolution_m} makes {cells:.0f} cells a side; at most {MOST_CELLS}"
+            )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -102,13 +118,18 @@ class Slam:
     Args:
         bearings_rad: (B,) the lidar's beams.
         lidar_x_m: its place on the robot's axis.
+        range_max_m: how far it sees; a beam without echo clears no farther.
         parameters: settings.
     """
 
-    def __init__(self, *, bearings_rad: Array, lidar_x_m: float, parameters: SlamParameters) -> None:
+    def __init__(
+        self, *, bearings_rad: Array, lidar_x_m: float, range_max_m: float, parameters: SlamParameters
+    ) -> None:
         self.parameters = parameters
         self._bearings_rad = bearings_rad
         self._lidar_x_m = lidar_x_m
+        # Short of its range: noise there hides echoes of what is just within it.
+        self._no_echo_m = min(parameters.mapping.no_echo_free_m, 0.9 * range_max_m)
         self._surface = SurfaceMap(
             extent_m=parameters.extent_m,
             cell_m=parameters.match.cell_m,
@@ -126,7 +147,7 @@ class Slam:
         """Take in one sweep."""
         p = self.parameters
         points_m, origins_m = deskew(
-            sweep.ranges_m, self._bearings_rad, sweep.odometry, self._lidar_x_m, p.mapping.no_echo_free_m
+            sweep.ranges_m, self._bearings_rad, sweep.odometry, self._lidar_x_m, self._no_echo_m
         )
         hits = np.isfinite(sweep.ranges_m)
         sigma_m = np.hypot(p.range_sigma_m, p.range_sigma_ratio * np.where(hits, sweep.ranges_m, 0.0))

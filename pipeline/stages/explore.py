@@ -54,7 +54,24 @@ def explore(run: Run) -> Manifest:
         )
         for index, batch in enumerate(batches)
     )
-    return run.build("explore", tasks, layout=LAYOUT, total=len(batches))
+    manifest = run.build("explore", tasks, layout=LAYOUT, total=len(batches))
+    _report_left_out(run, manifest)
+    return manifest
+
+
+def _report_left_out(run: Run, manifest: Manifest) -> None:
+    """Say how many episodes could not be run, and why the first could not.
+
+    Raises:
+        FloorplanError: none could.
+    """
+    left_out = [item for shard in manifest.shards for item in shard.quarantined]
+    if not left_out:
+        return
+    line = f"{len(left_out)} episodes left out, the first: {left_out[0].item_id}: {left_out[0].reason}"
+    if not manifest.counts()["episodes"]:
+        raise FloorplanError(f"explore: {line}; no episode could be run")
+    run.say(f"explore: {line}")
 
 
 def explored_plans(
@@ -62,7 +79,9 @@ def explored_plans(
 ) -> Shard:
     """The sightings of some plans' episodes; an episode that cannot be run is left out with its reason."""
     rows: list[dict[str, Any]] = []
-    counts: Counter[str] = Counter(episodes=0, episodes_without_meeting=0, events=0, pairs=0, simulated_s=0)
+    counts: Counter[str] = Counter(
+        episodes=0, episodes_left_out=0, episodes_without_meeting=0, events=0, pairs=0, simulated_s=0
+    )
     quarantined = []
     for row in meshes.rows(items, columns=[*PLAN_COLUMNS, "walls"]):
         plan, walls = plan_of(row), solids_of(row["walls"])
@@ -70,6 +89,7 @@ def explored_plans(
             try:
                 scene, episode = _run(plan, walls, section, robot, seed, number)
             except (FloorplanError, FloatingPointError) as error:
+                counts["episodes_left_out"] += 1
                 quarantined.append(Quarantined(item_id=episode_id, reason=str(error)))
                 continue
             found = list(sighting_rows(scene, episode, episode_id=episode_id, seed=seed))

@@ -1,5 +1,7 @@
 import math
 from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -155,3 +157,36 @@ def test_no_solid_within_reach_is_left_out() -> None:
             distance_m = np.hypot(*np.maximum(outside_m, 0.0))
             assert index in near or distance_m > 0.3
             assert index not in near or distance_m < 0.3 + 2 * math.sqrt(0.5) * 0.25 + 1e-9
+
+
+def test_physics_that_diverge_are_an_error_and_not_a_fresh_start(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    world = physics(SE2.identity())
+    driven(world, (0.2, 0.0), 1.0)
+    world._data.qvel[0] = np.nan
+    with pytest.raises(FloatingPointError, match=r"diverged at 1\.05 s"):
+        world.step([(0.2, 0.0)])
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_camera_of_the_scene_is_that_of_the_robot() -> None:
+    spec = burger()
+    tilted = replace(spec, camera=replace(spec.camera, rpy_rad=(0.0, 0.3, 0.2)))
+    model = mujoco.MjModel.from_xml_string(scene_mjcf([], [tilted], [SE2.identity()]))
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    assert model.cam_fovy[0] == approx(2 * math.degrees(math.atan(240 / 616)))
+    T_r_c = tilted.camera.T_r_c()
+    # MuJoCo's camera has y up and looks along -z.
+    np.testing.assert_allclose(
+        data.cam_xmat[0].reshape(3, 3) @ np.diag([1, -1, -1]), T_r_c[:3, :3], atol=1e-6
+    )
+    np.testing.assert_allclose(data.cam_xpos[0], T_r_c[:3, 3], atol=1e-6)
+
+
+def test_a_robot_turns_no_faster_than_it_can() -> None:
+    slow = replace(burger(), max_turn_rate_radps=0.3)
+    left, right = slow.wheel_speeds(0.0, 1.5)
+    assert slow.wheels.radius_m * (right - left) / slow.wheels.track_m == approx(0.3)

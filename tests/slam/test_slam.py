@@ -1,9 +1,12 @@
 import math
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
 from pytest import approx
 
+from pipeline.errors import ConfigError
 from pipeline.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN
 from pipeline.geometry.se2 import Array
 from pipeline.simulation.lidar import beam_bearings
@@ -170,7 +173,12 @@ def test_a_map_smaller_than_the_world_keeps_what_it_can() -> None:
 def test_slam_walks_a_room_with_wheels_that_spin() -> None:
     """A circle through a room with 2 cm of range noise; for two sweeps the wheels turn in vain."""
     segments = np.concatenate([room_segments(4.0, 3.0), [[1.0, 0.0, 1.0, 0.8], [3.0, 3.0, 3.0, 2.1]]])
-    slam = Slam(bearings_rad=BEARINGS, lidar_x_m=LIDAR.x_m, parameters=SlamParameters())
+    slam = Slam(
+        bearings_rad=BEARINGS,
+        lidar_x_m=LIDAR.x_m,
+        range_max_m=LIDAR.range_max_m,
+        parameters=SlamParameters(),
+    )
     start = np.array([2.0, 0.8, 0.0])
     odometry = np.zeros(3)
     for k in range(100):
@@ -187,6 +195,33 @@ def test_slam_walks_a_room_with_wheels_that_spin() -> None:
     assert math.hypot(error[0], error[1]) < 0.03
     assert abs(error[2]) < math.radians(1.0)
     assert math.hypot(off_by[0], off_by[1]) > 0.1
+
+
+def test_a_short_sighted_lidar_clears_no_farther_than_it_sees() -> None:
+    """Nothing within 1.5 m: the map is free up to there, and beyond it unknown."""
+    slam = Slam(bearings_rad=BEARINGS, lidar_x_m=LIDAR.x_m, range_max_m=1.5, parameters=SlamParameters())
+    for _ in range(4):
+        slam.update(Sweep(ranges_m=np.full(360, np.inf), odometry=np.zeros((5, 3))))
+    known = slam.grid().cell_centres(slam.grid().known())
+    assert 1.2 < np.hypot(known[:, 0] - LIDAR.x_m, known[:, 1]).max() < 1.5
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: MatchParameters(cell_m=0.0), "MatchParameters: cell_m is 0.0; must be from 0.02 to 1"),
+        (lambda: MatchParameters(iterations=0), "iterations is 0"),
+        (lambda: MappingParameters(resolution_m=1e-9), "resolution_m is 1e-09"),
+        (lambda: SlamParameters(extent_m=-5.0), "extent_m is -5.0"),
+        (
+            lambda: SlamParameters(extent_m=400.0, mapping=MappingParameters(resolution_m=0.01)),
+            "at most 8000",
+        ),
+    ],
+)
+def test_settings_that_cannot_work_are_refused(make: Callable[[], Any], message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        make()
 
 
 def test_composition_and_its_inverse() -> None:
