@@ -21,15 +21,15 @@ from pipeline.rendering.plan_scene import QUAD
 from pipeline.rendering.randomise import (
     ABSENT_SHARE,
     OCCLUDED_SHARE,
-    ROBOT,
     Drawn,
     PlacedThing,
     RobotLooks,
     drawn_record,
+    lit_scene,
     thing_instances,
 )
 from pipeline.rendering.record import JsonValue, plain
-from pipeline.rendering.scene import Image, Instance, Scene
+from pipeline.rendering.scene import Image, Instance
 from pipeline.rendering.viewpoints import MAX_RANGE_M, MIN_RANGE_M
 from pipeline.simulation.robot import RobotSpec
 
@@ -69,15 +69,8 @@ def draw_free(
     size = {"width_px": camera.width_px, "height_px": camera.height_px}
     background, background_kind = draw_background(rng, textures, photos, **size)
     robot = () if absent else looks.instances(T_w_r1, worn)
-    scene = Scene(
-        camera=camera,
-        T_w_c=T_W_C,
-        instances=(*ground, *thing_instances(things), *robot),
-        lights=tuple(lamp.light() for lamp in lighting.lamps),
-        ambient_rgb=lighting.ambient_rgb,
-        background=background,
-        robot=None if absent else ROBOT,
-    )
+    instances = (*ground, *thing_instances(things), *robot)
+    scene = lit_scene(camera, T_W_C, instances, lighting, robot=not absent, background=background)
     own: dict[str, JsonValue] = {
         "mode": "free",
         "absent": absent,

@@ -14,7 +14,7 @@ import numpy as np
 import shapely
 import trimesh
 
-from pipeline.geometry.camera import camera_pose, se3_from_se2
+from pipeline.geometry.camera import PinholeCamera, camera_pose, se3_from_se2
 from pipeline.geometry.se2 import SE2, Array
 from pipeline.rendering import materials
 from pipeline.rendering.distractors import Thing, draw_thing, place_on_floor
@@ -23,7 +23,7 @@ from pipeline.rendering.lighting import SHADOW_SHARE, Lighting, room_lighting
 from pipeline.rendering.record import JsonValue, plain
 from pipeline.rendering.robot_model import part_material
 from pipeline.rendering.room_looks import RoomLooks, draw_room_looks, room_instances
-from pipeline.rendering.scene import Instance, Material, MeshPool, Scene
+from pipeline.rendering.scene import Image, Instance, Material, MeshPool, Scene
 from pipeline.rendering.viewpoints import FurnishedPlan, Meeting, draw_meeting
 from pipeline.simulation.robot import RobotSpec
 
@@ -159,16 +159,31 @@ def room_scene(
     worn = looks.worn(rng, extent=1.0)
     effects = draw_effects(rng, light_k=lighting.temperature_k())
     robot = looks.instances(se3_from_se2(T_w_r1), worn) if T_w_r1 else ()
-    scene = Scene(
-        camera=observer.camera.intrinsics(),
-        T_w_c=T_w_c,
-        instances=(*room_instances(place, room_looks), *thing_instances(things), *robot),
-        lights=tuple(lamp.light() for lamp in lighting.lamps),
-        ambient_rgb=lighting.ambient_rgb,
-        robot=ROBOT if T_w_r1 else None,
-    )
+    instances = (*room_instances(place, room_looks), *thing_instances(things), *robot)
+    scene = lit_scene(observer.camera.intrinsics(), T_w_c, instances, lighting, robot=bool(robot))
     record = drawn_record(lighting, room_looks, worn, things, effects)
     return Drawn(scene=scene, effects=effects, record=record)
+
+
+def lit_scene(
+    camera: PinholeCamera,
+    T_w_c: Array,
+    instances: tuple[Instance, ...],
+    lighting: Lighting,
+    *,
+    robot: bool,
+    background: Image | None = None,
+) -> Scene:
+    """Instances under drawn light; robot: whether it is among them."""
+    return Scene(
+        camera=camera,
+        T_w_c=T_w_c,
+        instances=instances,
+        lights=tuple(lamp.light() for lamp in lighting.lamps),
+        ambient_rgb=lighting.ambient_rgb,
+        background=background,
+        robot=ROBOT if robot else None,
+    )
 
 
 def drawn_record(

@@ -36,7 +36,8 @@ _PROFILES = {
 
 def thing_meshes() -> MeshPool:
     """All of them, keyed `thing/...`; the same in every process."""
-    shapes = {name: _turned(profile) for name, profile in _PROFILES.items()}
+    shapes = {name: _turned(np.array(profile, np.float64)) for name, profile in _PROFILES.items()}
+    shapes["vase"] = _turned(_rounded(np.array(_PROFILES["vase"], np.float64)))
     shapes |= {"ball": _ball(), "shoe": _shoe(), "bag": _bag(), "leaves": _leaves(), "handle": _handle()}
     shapes |= {f"cable-{i}": _cable(i) for i in range(CABLES)}
     return {f"thing/{name}": (mesh,) for name, mesh in shapes.items()}
@@ -46,8 +47,15 @@ def _creased(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
     return creased_mesh(np.round(mesh.vertices, 6), np.asarray(mesh.faces))
 
 
-def _turned(profile: list[tuple[float, float]]) -> trimesh.Trimesh:
-    return _creased(trimesh.creation.revolve(np.array(profile, np.float64), sections=SECTIONS))
+def _turned(profile: Array) -> trimesh.Trimesh:
+    return _creased(trimesh.creation.revolve(profile, sections=SECTIONS))
+
+
+def _rounded(profile: Array) -> Array:
+    """The profile with its corners cut off (Chaikin), so that it bends as thrown clay does."""
+    a, b = profile[:-1], profile[1:]
+    cut = np.stack([0.75 * a + 0.25 * b, 0.25 * a + 0.75 * b], axis=1).reshape(-1, 2)
+    return np.concatenate([profile[:1], cut, profile[-1:]])
 
 
 def _sphere(subdivisions: int) -> tuple[Array, trimesh.Trimesh]:
