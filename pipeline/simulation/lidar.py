@@ -45,8 +45,3 @@ def noisy_ranges(ranges_m: Array, spec: LidarSpec, noise: LidarNoise, *, rng: np
 def beam_bearings(spec: LidarSpec) -> Array:
     """(B,) [rad] counter-clockwise from straight ahead."""
     return np.arange(spec.beams, dtype=np.float64) * (2.0 * math.pi / spec.beams)
-
-
-def beam_times(spec: LidarSpec) -> Array:
-    """(B,) [s] after the sweep's start: beam i is shot as the sensor points at its bearing."""
-    return np.arange(spec.beams, dtype=np.float64) / (spec.beams * spec.rate_hz)

@@ -12,7 +12,7 @@ import numpy as np
 
 from pipeline.config import ExploreSection
 from pipeline.engine import Run, Task, part_name
-from pipeline.errors import FloorplanError
+from pipeline.errors import ConfigError, FloorplanError
 from pipeline.exploration.episode import run_episode
 from pipeline.exploration.records import Episode
 from pipeline.exploration.starts import draw_starts
@@ -38,6 +38,7 @@ def explore(run: Run) -> Manifest:
     """Write the sightings of every plan's episodes."""
     section, seed = run.config.explore, run.config.seed
     robot = load_robot(section.robot)
+    _check_clearances(section, robot)
     meshes = run.read("meshes")
     batches = list(chunks(meshes.items(), section.plans_per_shard))
     tasks = (
@@ -57,6 +58,19 @@ def explore(run: Run) -> Manifest:
     manifest = run.build("explore", tasks, layout=LAYOUT, total=len(batches))
     _report_left_out(run, manifest)
     return manifest
+
+
+def _check_clearances(section: ExploreSection, robot: RobotSpec) -> None:
+    clearances_m = {
+        "explore.start_clearance_m": section.start_clearance_m,
+        "explore.episode.explorer.hard_clearance_m": section.episode.explorer.hard_clearance_m,
+        "explore.episode.explorer.clear_m": section.episode.explorer.clear_m,
+    }
+    for key, value in clearances_m.items():
+        if value < robot.radius_m:
+            raise ConfigError(
+                f"{key} is {value}; must be at least the radius of robot {robot.name}, {robot.radius_m} m"
+            )
 
 
 def _report_left_out(run: Run, manifest: Manifest) -> None:

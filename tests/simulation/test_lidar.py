@@ -7,7 +7,7 @@ from pytest import approx
 from pipeline.floorplan.records import Floorplan, Shape
 from pipeline.floorplan.walls import lidar_outline
 from pipeline.geometry.se2 import SE2, Array
-from pipeline.simulation.lidar import LidarNoise, beam_bearings, beam_times, noisy_ranges
+from pipeline.simulation.lidar import LidarNoise, beam_bearings, noisy_ranges
 from pipeline.simulation.rays import cast_rays, ray_scene
 from pipeline.simulation.world import scene_mjcf
 from tests.simulation.scenes import burger, pole, room_segments, wall
@@ -94,9 +94,10 @@ def test_a_turning_lidar_skews_its_sweep_by_the_turn() -> None:
     turn_radps = 2.84
     scene = ray_scene(room_segments(4.0, 4.0), NO_CIRCLES)
     poses = standing(2.0, 2.0, 0.0)
-    poses[:, 2] = turn_radps * beam_times(spec)
+    times_s = np.arange(spec.beams) / (spec.beams * spec.rate_hz)
+    poses[:, 2] = turn_radps * times_s
     turning_m = cast_rays(scene, poses, BEARINGS, max_range_m=3.5)
-    skew_rad = turn_radps * beam_times(spec)[-1]
+    skew_rad = turn_radps * times_s[-1]
     assert math.degrees(skew_rad) == approx(32.4, abs=0.2)
     still_m = cast_rays(scene, standing(2.0, 2.0, 0.0), BEARINGS + poses[:, 2], max_range_m=3.5)
     np.testing.assert_allclose(turning_m, still_m, atol=1e-12)

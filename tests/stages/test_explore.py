@@ -1,0 +1,99 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from pipeline.errors import ConfigError, FloorplanError
+from pipeline.robot_file import ROBOTS
+from pipeline.schema import EXPLORE
+from pipeline.stages.explore import explore
+from pipeline.stages.floorplans import floorplans
+from pipeline.stages.meshes import meshes
+from tests.conftest import MakeRun
+
+ONE_PLAN = (
+    "floorplans.sources=[floorplans/rdv-008.json]",
+    "floorplans.generate.count=0",
+    "explore.episodes_per_plan=2",
+    "explore.episode.max_time_s=60",
+)
+
+
+def prepared(make_run: MakeRun, *overrides: str):
+    run = make_run([*ONE_PLAN, *overrides])
+    floorplans(run)
+    meshes(run)
+    return run
+
+
+def test_counts_add_up_and_each_sighting_is_a_row(make_run: MakeRun) -> None:
+    run = prepared(make_run)
+    counts = explore(run).counts()
+    table = run.read("explore").table("part-00000.parquet")
+    rows = EXPLORE.rows(table)
+    assert counts["episodes"] + counts["episodes_left_out"] == 2
+    assert counts["pairs"] == len(rows) > 0
+    assert counts["events"] == len({row["event_id"] for row in rows})
+    assert counts["episodes_without_meeting"] == 2 - len({row["episode_id"] for row in rows})
+    assert len({row["pair_id"] for row in rows}) == len(rows)
+    assert all(row["furniture"] for row in rows)
+
+
+def test_more_episodes_leave_the_first_ones_as_they_were(make_run: MakeRun) -> None:
+    few, many = prepared(make_run), prepared(make_run, "explore.episodes_per_plan=3")
+    explore(few)
+    before = {row["pair_id"]: row["map_0"] for row in few.read("explore").rows()}
+    explore(many)
+    after = {row["pair_id"]: row["map_0"] for row in many.read("explore").rows()}
+    assert before.items() <= after.items()
+
+
+def test_when_no_episode_can_be_run_it_says_why(make_run: MakeRun) -> None:
+    run = prepared(make_run, "explore.start_distance_m=1000.0")
+    with pytest.raises(
+        FloorplanError, match=r"2 episodes left out, .* 1000\.0 m apart .*no episode"
+    ):
+        explore(run)
+    assert run.read("explore").manifest().counts()["episodes_left_out"] == 2
+
+
+def test_clearances_smaller_than_the_robot_are_refused(make_run: MakeRun) -> None:
+    run = prepared(make_run, "explore.episode.explorer.hard_clearance_m=0.1")
+    with pytest.raises(
+        ConfigError, match=r"hard_clearance_m is 0\.1; must be at least the radius of robot"
+    ):
+        explore(run)
+
+
+@pytest.mark.slow
+def test_another_robot_explores_as_well(make_run: MakeRun, tmp_path: Path) -> None:
+    """Half as large again, with a lidar of 720 beams at 10 Hz that sees 2.5 m."""
+    text = (ROBOTS / "burger" / "robot.yaml").read_text()
+    changes = {
+        "name: burger": "name: cart",
+        "size_m: [0.138, 0.178, 0.192]": "size_m: [0.207, 0.267, 0.192]",
+        "radius_m: 0.105": "radius_m: 0.145",
+        "mass_kg: 1.0": "mass_kg: 2.0",
+        "radius_m: 0.069": "radius_m: 0.100",
+        "track_m: 0.160": "track_m: 0.240",
+        "beams: 360": "beams: 720",
+        "rate_hz: 5.0": "rate_hz: 10.0",
+        "range_max_m: 3.5": "range_max_m: 2.5",
+    }
+    for old, new in changes.items():
+        assert old in text
+        text = text.replace(old, new)
+    (tmp_path / "cart.yaml").write_text(text)
+    run = prepared(
+        make_run,
+        f"explore.robot={tmp_path / 'cart.yaml'}",
+        "explore.episode.explorer.hard_clearance_m=0.17",
+        "explore.episode.explorer.clear_m=0.16",
+        "explore.furniture_density=0.3",
+        "explore.episode.max_time_s=150",
+    )
+    explore(run)
+    rows = list(run.read("explore").rows(columns=["slam_position_error_0_m", "T_r1_o"]))
+    assert rows
+    assert max(row["slam_position_error_0_m"] for row in rows) < 0.1
