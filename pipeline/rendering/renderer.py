@@ -1,8 +1,10 @@
 """Scenes to pictures and to what each pixel shows. The only file that knows OpenGL's axes.
 
-pyrender opens the context; the passes are our own. Drawn node by node, as pyrender does it, a furnished plan
-takes several times as long, and its sets of nodes and lights have an order that changes between processes.
-Meshes and textures are uploaded once, all instances of a mesh are drawn by one call, nothing is rebuilt.
+pyrender opens the context; the passes are our own. Its renderer draws node by node and shades all samples of
+what is hidden too: 150 boxes and a robot of 20,000 triangles took it 177 ms of one core at 640x480 (288 ms with
+one shadow), colour and segmentation; here they take 65 ms (73 ms). And the order of its sets of nodes and
+lights, which rounding shows in the picture, changes between processes. Here meshes and textures are uploaded
+once, one call draws all instances of a mesh, in the order of the pool and the scene, and nothing is rebuilt.
 """
 
 from __future__ import annotations
@@ -58,7 +60,10 @@ Row = tuple[float, ...]
 
 
 class Renderer:
-    """Renders scenes of one image size from pools of meshes and textures that stay resident."""
+    """Renders scenes of one image size from pools of meshes and textures that stay resident.
+
+    One for each process: what it has uploaded stays until the process ends.
+    """
 
     def __init__(
         self, meshes: MeshPool, textures: TexturePool, *, width_px: int = 640, height_px: int = 480
