@@ -1,8 +1,8 @@
 """Scenes to pictures and to what each pixel shows. The only file that knows OpenGL's axes.
 
-pyrender opens the context; the passes are our own. Its renderer draws node by node and shades all samples of
-what is hidden too: 150 boxes and a robot of 20,000 triangles took it 177 ms of one core at 640x480 (288 ms with
-one shadow), colour and segmentation; here they take 65 ms (73 ms). And the order of its sets of nodes and
+pyrender opens the context; the passes are our own. Its renderer draws node by node and shades what is hidden,
+too: 150 boxes and a robot of 20,000 triangles took it 177 ms of one core at 640x480 for colour and
+segmentation (288 ms with one shadow); here they take 65 ms (73 ms). And the order of its sets of nodes and
 lights, which rounding shows in the picture, changes between processes. Here meshes and textures are uploaded
 once, one call draws all instances of a mesh, in the order of the pool and the scene, and nothing is rebuilt.
 """
