@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
+from pipeline.geometry.cuboid import CUBOID_CORNER_SIGNS as CUBOID_CORNER_SIGNS
 from pipeline.geometry.se2 import SE2, Array
 
 SCHEMA_VERSION = 1
@@ -42,23 +43,6 @@ _SHAPES: dict[pa.DataType, tuple[int, ...]] = {
     BOX_TYPE: (4,),
     CUBOID_TYPE: (9, 2),
 }
-
-CUBOID_CORNER_SIGNS: tuple[tuple[int, int, int], ...] = (
-    (+1, -1, +1),
-    (-1, -1, +1),
-    (-1, +1, +1),
-    (+1, +1, +1),
-    (+1, -1, -1),
-    (-1, -1, -1),
-    (-1, +1, -1),
-    (+1, +1, -1),
-    (0, 0, 0),
-)
-"""DOPE's order of the nine cuboid points: corner i lies at signs · half sides along the axes x, y, z of o.
-
-DOPE calls them front top right, front top left, ... in axes of its own (x right, y down, z front); the
-positions, not those names, are what its solver uses, so they hold for any object frame. Centroid last.
-"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -211,8 +195,8 @@ _POSES = (
     *_each_robot("slam_heading_error_{i}_rad", pa.float64(), "rad", "Angle of `T_m{i}_r{i}` from the truth, absolute."),
     *_each_robot("odometry_position_error_{i}_m", pa.float64(), "m", "Distance of `T_m{i}_r{i}_odometry` from the truth."),
     *_each_robot("odometry_heading_error_{i}_rad", pa.float64(), "rad", "Angle of `T_m{i}_r{i}_odometry` from the truth, absolute."),
-    *_each_robot("trajectory_{i}", TRAJECTORY_TYPE, _TRAJECTORY, "Robot {i}'s path in m{i} up to `t_s`, as its SLAM estimated it on the way."),
-    *_each_robot("trajectory_{i}_true", TRAJECTORY_TYPE, _TRAJECTORY, "Robot {i}'s true path in m{i}, at the same times."),
+    *_each_robot("trajectory_{i}", TRAJECTORY_TYPE, _TRAJECTORY, "Robot {i}'s path in m{i} up to `t_s`, as its SLAM estimated it on the way: a pose at the first lidar sweep (0.2 s after the start), then about every second and at each meeting. `yaw_rad` is unrolled, so it goes on beyond ±π."),
+    *_each_robot("trajectory_{i}_true", TRAJECTORY_TYPE, _TRAJECTORY, "Robot {i}'s true path in m{i}, at the same times; `yaw_rad` is unrolled as well."),
 )  # fmt: skip
 
 _QUALITY = (

@@ -20,6 +20,7 @@ from tests.synthetic import synthetic_row
 
 STAGES_YAML = Path(__file__).parents[1] / "stages.yaml"
 SHARES = ("pack.validation_fraction=0.3", "pack.test_fraction=0.3", "pack.rows_per_file=4")
+PARAMETERS = {"explore.max_range_m": 4.0, "explore.robot": {"name": "scout", "radius_m": 0.2}}
 PLANS = 10
 ROWS = [
     [synthetic_row(np.random.default_rng([plan, event]), plan=plan, event=event) for event in range(2)]
@@ -46,7 +47,7 @@ def explored(data: Path, *, plans: int = PLANS, turn: int = 0) -> None:
     tasks = [
         Task(
             name=part_name(number),
-            inputs=Inputs(parameters={"explore.max_range_m": 4.0}, items={str(p): "" for p in shard}, seed=0),
+            inputs=Inputs(parameters=PARAMETERS, items={str(p): "" for p in shard}, seed=0),
             make=partial(shard_of, [row for plan in shard for row in ROWS[plan]]),
         )
         for number, shard in enumerate(order)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -16,10 +16,12 @@ from pipeline.evaluation.tables import column_table, markdown_table
 from pipeline.geometry.se2 import Array
 from pipeline.schema import PAIRS, SCHEMA_VERSION
 from pipeline.splits import SPLITS
+from pipeline.store.records import Quarantined
 
 _ROBOTS = ("0", "1")
 _QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 _PAPERS_OVERLAP = 0.174
+_TOLD_LEFT_OUT = 3
 _OVERLAP_EDGES = np.linspace(0.0, 1.0, 21)
 
 # Title, columns (pooled), factor and unit it is shown in, decimals.
@@ -58,7 +60,9 @@ def dataset_card(
     sightings: pa.Table,
     *,
     counts: Mapping[str, int],
+    left_out: Sequence[Quarantined],
     parameters: Mapping[str, Any],
+    unknown: Sequence[str],
     versions: Mapping[str, str],
     bytes_total: int,
 ) -> str:
@@ -67,21 +71,22 @@ def dataset_card(
     Args:
         sightings: `CARD_COLUMNS` of all rows and their `split`.
         counts: what `explore` counted, met or not.
-        parameters, versions: what the rows were made with.
+        left_out: episodes that could not be run.
+        parameters: all that the rows depend on, by dotted key; `explore.robot.name` is among them.
+        unknown: stages whose parameters are not, because their output is gone.
+        versions: of the packages that the rows were made with.
         bytes_total: size of the Parquet files.
     """
-    seeds = ", ".join(str(seed) for seed in sightings["seed"].unique().to_pylist())
     sections = [
         _yaml_header(sightings),
-        _INTRODUCTION,
+        _INTRODUCTION.format(robot=parameters["explore.robot.name"]),
         f"## Splits\n\n{_split_table(sightings)}\n\nNo floor plan is in two splits: a plan's split is a "
         f"hash of its geometry. {bytes_total / 1e6:.1f} MB in all.",
-        f"## Episodes\n\n{_counts_table(counts)}",
+        f"## Episodes\n\n{_counts_table(counts)}{_left_out_list(left_out)}",
         f"## Overlap\n\n![Histogram of the overlap](overlap.png)\n\n{_overlap_table(sightings)}",
         f"## Quality\n\n{quality_table(sightings)}\n\n{_QUALITY_NOTE}",
         f"## Columns\n\n{_COLUMNS_NOTE}\n\n{column_table(PAIRS)}",
-        f"## How it was made\n\nRoot seed {seeds}, schema version {SCHEMA_VERSION}, "
-        f"{', '.join(f'{name} {version}' for name, version in versions.items())}.",
+        f"## How it was made\n\n{_origin(sightings, versions, unknown)}",
         f"<details><summary>All parameters</summary>\n\n{_parameter_table(parameters)}\n\n</details>",
     ]
     return "\n\n".join(sections) + "\n"
@@ -89,9 +94,9 @@ def dataset_card(
 
 _INTRODUCTION = """# Rendezvous pairs
 
-Two simulated TurtleBot3 Burgers explore a furnished building, each with its own SLAM map, until one sees the
-other. Every row is one such sighting: both occupancy grids, both estimated poses, the true relative pose, and
-the transform between the maps.
+Two simulated robots, each a `{robot}`, explore a furnished building, each with its own SLAM map, until one
+sees the other. Every row is one such sighting: both occupancy grids, both estimated poses, the true relative
+pose, and the transform between the maps.
 
 ![Three of the pairs: each robot's map, and both aligned](pairs.png)
 
@@ -111,6 +116,11 @@ _COLUMNS_NOTE = """\
 SE(2) poses are x [m], y [m], yaw [rad]; `T_a_b` is the pose of frame b in frame a. m0, m1: the robots' map
 frames, each one's true start pose; r0, r1: the robots, on the floor between the wheels, x forward; c: camera,
 x right, y down, z forward; o: centre of the seen robot's cuboid; w: the floor plan."""
+
+_ORIGIN_NOTE = """\
+The same versions, seed and floor plan files make the same rows again with the parameters below: those of
+`stages.yaml`, by their full key. `explore.robot` and `meshes.robot` are written out as the robot file that
+they name. `plans_per_shard` is missing because no row depends on it."""
 
 
 def overlap_chart(sightings: pa.Table) -> Image:
@@ -157,6 +167,24 @@ def _counts_table(counts: Mapping[str, int]) -> str:
     return markdown_table(("counted", "number"), [(k.replace("_", " "), f"{v:,}") for k, v in counts.items()])
 
 
+def _left_out_list(left_out: Sequence[Quarantined]) -> str:
+    """How many episodes are missing, and some of the reasons; empty if none is."""
+    if not left_out:
+        return ""
+    told = list({entry.reason: entry for entry in left_out}.values())[:_TOLD_LEFT_OUT]
+    reasons = "\n".join(f"- `{entry.item_id}`: {entry.reason}" for entry in told)
+    return f"\n\nEpisodes left out, because they could not be run: {len(left_out)}. Reasons:\n\n{reasons}"
+
+
+def _origin(sightings: pa.Table, versions: Mapping[str, str], unknown: Sequence[str]) -> str:
+    """What makes the same rows again."""
+    seeds = ", ".join(str(seed) for seed in sightings["seed"].unique().to_pylist())
+    packages = ", ".join(f"{name} {version}" for name, version in versions.items())
+    gone = ", ".join(f"`{stage}`" for stage in unknown)
+    missing = f"\n\nNot known, because its output was gone: the parameters of {gone}." if unknown else ""
+    return f"Root seed {seeds}, schema version {SCHEMA_VERSION}, {packages}.\n\n{_ORIGIN_NOTE}{missing}"
+
+
 def _overlap_table(sightings: pa.Table) -> str:
     overlap = sightings["overlap"].to_numpy()
     numbers, _ = np.histogram(overlap, _OVERLAP_EDGES)
@@ -185,14 +213,5 @@ def _pooled(sightings: pa.Table, names: Sequence[str]) -> Array:
 
 
 def _parameter_table(parameters: Mapping[str, Any]) -> str:
-    rows = [(f"`{key}`", f"`{json.dumps(value)}`") for key, value in _flat(parameters)]
+    rows = [(f"`{key}`", f"`{json.dumps(value)}`") for key, value in parameters.items()]
     return markdown_table(("parameter", "value"), rows)
-
-
-def _flat(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """Leaves of nested mappings by their dotted keys."""
-    for key, value in values.items():
-        if isinstance(value, Mapping):
-            yield from _flat(value, f"{prefix}{key}.")
-        else:
-            yield f"{prefix}{key}", value

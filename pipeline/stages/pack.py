@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from itertools import groupby
+from itertools import groupby, takewhile
+from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
@@ -28,6 +30,8 @@ from pipeline.store.records import Inputs, Manifest, Shard, ShardRecord
 LAYOUT = Layout(item_column="plan_id", uncompressed=("map_0", "map_1", "image"), row_group_rows=256)
 
 _PICTURED_ROWS = 3
+_NAMED_FILES = 100
+_ARCHIVE = re.compile(r"(.+?\.(?:tar|tar\.gz|tgz)):")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -49,7 +53,7 @@ def pack(run: Run) -> Manifest:
     section, explore = run.config.pack, run.read("explore")
     sightings = located_columns(explore, CARD_COLUMNS)
     if not sightings.num_rows:
-        raise SplitError(f"{explore.root}: no robots met in any episode; there is nothing to pack")
+        raise SplitError(_nothing_to_pack(explore))
     splits = split_plans(
         sightings["plan_digest"].unique().to_pylist(),
         validation_fraction=section.validation_fraction,
@@ -90,6 +94,15 @@ def pack_file(explore: StageReader, items: Sequence[Item]) -> Shard:
     return Shard(table=table, counts={"pairs": table.num_rows})
 
 
+def _nothing_to_pack(explore: StageReader) -> str:
+    left_out = explore.manifest().quarantined
+    line = f"{explore.root}: no robots met in any episode; there is nothing to pack"
+    if not left_out:
+        return line
+    first = left_out[0]
+    return f"{line}; episodes left out: {len(left_out)}, the first: {first.item_id}: {first.reason}"
+
+
 def _plans(explore: StageReader, sightings: pa.Table) -> list[_PackedPlan]:
     """The plans on which robots met, in the order of `explore`."""
     split_of = dict(zip(sightings["plan_id"].to_pylist(), sightings["split"].to_pylist(), strict=True))
@@ -124,11 +137,13 @@ def _card(run: Run, sightings: pa.Table, records: Sequence[ShardRecord]) -> Mapp
         title="Rendezvous",
         subtitle=f"{shown.num_rows} of {sightings.num_rows} pairs, from low to high overlap",
     )
-    made = explore.manifest()
+    made, manifests = explore.manifest(), _manifests(run)
     text = dataset_card(
         sightings,
         counts=made.counts(),
-        parameters=_parameters(run),
+        left_out=made.quarantined,
+        parameters=_parameters(manifests) | run.config.pack.parameters(),
+        unknown=[stage for stage, manifest in manifests.items() if manifest is None],
         versions=made.shards[0].versions,
         bytes_total=sum(record.bytes for record in records),
     )
@@ -139,13 +154,45 @@ def _card(run: Run, sightings: pa.Table, records: Sequence[ShardRecord]) -> Mapp
     }
 
 
-def _parameters(run: Run) -> dict[str, Any]:
-    """What the stages before were run with, as far as their output is still here."""
-    manifests = [read_manifest(Disk(run.folder(stage))) for stage in ("floorplans", "meshes", "explore")]
-    return {
-        key: value
-        for manifest in manifests
-        if manifest is not None
-        for shard in manifest.shards
-        for key, value in shard.inputs.parameters.items()
-    }
+def _manifests(run: Run) -> dict[str, Manifest | None]:
+    """Of the stages before, None where their output is gone."""
+    stages = takewhile(lambda stage: stage != "pack", run.config.stages)
+    return {stage: read_manifest(Disk(run.folder(stage))) for stage in stages}
+
+
+def _parameters(manifests: Mapping[str, Manifest | None]) -> dict[str, Any]:
+    """What the stages were run with, as their shards record it: this run may be set otherwise."""
+    parameters: dict[str, Any] = {}
+    for stage, manifest in manifests.items():
+        if manifest is None:
+            continue
+        if stage == "floorplans":
+            parameters |= _sources(manifest)
+        for shard in manifest.shards:
+            parameters |= shard.inputs.parameters
+    return parameters
+
+
+def _sources(floorplans: Manifest) -> dict[str, Any]:
+    """Where the floor plans are from; no shard depends on that as a whole, so none records it.
+
+    Files are told one by one if they are few, else by their folders; an archive is told as one.
+    """
+    # What is generated depends on the seed, what is read does not.
+    inputs = [shard.inputs for shard in floorplans.shards]
+    read = [_file_or_archive(name) for i in inputs if i.seed is None for name in i.items]
+    sources = list(dict.fromkeys(read))
+    if len(sources) > _NAMED_FILES:
+        sources = list(dict.fromkeys(_folder_or_archive(source) for source in sources))
+    generated = sum(len(i.items) for i in inputs if i.seed is not None)
+    return {"floorplans.sources": sources, "floorplans.generate.count": generated}
+
+
+def _file_or_archive(name: str) -> str:
+    """What has to be named among the sources for this file to be read."""
+    archive = _ARCHIVE.match(name)
+    return archive[1] if archive else name
+
+
+def _folder_or_archive(source: str) -> str:
+    return str(Path(source).parent) if source.endswith(".json") else source

@@ -5,8 +5,7 @@ import numpy as np
 import pytest
 
 from pipeline.geometry.camera import PinholeCamera, rotation_from_rpy
-from pipeline.geometry.cuboid import CUBOID_CORNER_SIGNS, cuboid_points, pose_from_cuboid, project_cuboid
-from pipeline.schema import CUBOID_CORNER_SIGNS as SCHEMA_CORNER_SIGNS
+from pipeline.geometry.cuboid import cuboid_points, pose_from_cuboid, project_cuboid
 
 CAMERA = PinholeCamera(fx_px=616.0, fy_px=610.0, cx_px=319.5, cy_px=239.5, width_px=640, height_px=480)
 SIZE_M = (0.138, 0.178, 0.192)
@@ -26,10 +25,6 @@ def error(T_a: np.ndarray, T_b: np.ndarray) -> tuple[float, float]:
     R = T_a[:3, :3].T @ T_b[:3, :3]
     sine = 0.5 * np.linalg.norm(R - R.T) / np.sqrt(2.0)
     return float(np.linalg.norm(T_a[:3, 3] - T_b[:3, 3])), float(np.arctan2(sine, 0.5 * (np.trace(R) - 1.0)))
-
-
-def test_the_order_is_that_of_the_columns():
-    assert CUBOID_CORNER_SIGNS == SCHEMA_CORNER_SIGNS
 
 
 def test_points_are_corners_of_the_cuboid_and_its_centre():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 from functools import partial
@@ -13,13 +14,24 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from pipeline.config import load_config
 from pipeline.engine import Task, part_name
 from pipeline.errors import SplitError, StoreError
 from pipeline.schema import PAIRS
 from pipeline.splits import SPLITS
+from pipeline.stages.floorplans import floorplans
 from pipeline.stages.pack import LAYOUT, pack
-from pipeline.store.records import Inputs
-from tests.synthetic_dataset import PLANS, ROWS, explored, shard_of, synthetic_run
+from pipeline.store.records import Inputs, Quarantined, Shard
+from tests.synthetic_dataset import (
+    PARAMETERS,
+    PLANS,
+    ROWS,
+    SHARES,
+    STAGES_YAML,
+    explored,
+    shard_of,
+    synthetic_run,
+)
 
 
 @pytest.fixture(scope="module")
@@ -145,8 +157,40 @@ def test_sightings_that_were_never_made_are_an_error(tmp_path):
 def test_episodes_in_which_nobody_met_are_an_error(tmp_path):
     task = Task(name=part_name(0), inputs=Inputs(parameters={}, items={}), make=partial(shard_of, []))
     synthetic_run(tmp_path).build("explore", [task], layout=LAYOUT)
-    with pytest.raises(SplitError, match="no robots met"):
+    with pytest.raises(SplitError, match=r"no robots met in any episode; there is nothing to pack$"):
         pack(synthetic_run(tmp_path))
+
+
+def _explored_with_left_out(data: Path, rows: list, reasons: list[str]) -> None:
+    """Stands in for an `explore` that could not run as many episodes as there are reasons."""
+    left_out = tuple(Quarantined(item_id=f"plan-e{i:03d}", reason=reason) for i, reason in enumerate(reasons))
+    made = shard_of(rows)
+    shard = Shard(table=made.table, counts=made.counts, quarantined=left_out)
+    task = Task(
+        name=part_name(0), inputs=Inputs(parameters=PARAMETERS, items={}), make=partial(_given, shard)
+    )
+    synthetic_run(data).build("explore", [task], layout=LAYOUT)
+
+
+def _given(shard: Shard) -> Shard:
+    return shard
+
+
+def test_that_nobody_met_is_told_with_the_episodes_left_out(tmp_path):
+    _explored_with_left_out(tmp_path, [], ["no room for two starts", "the physics diverged at 0.40 s"])
+    told = "nothing to pack; episodes left out: 2, the first: plan-e000: no room for two starts$"
+    with pytest.raises(SplitError, match=told):
+        pack(synthetic_run(tmp_path))
+
+
+def test_the_card_tells_three_different_reasons_of_the_episodes_left_out(tmp_path):
+    reasons = ["no room", "no room", "the physics diverged at 0.40 s", "no start", "no fourth reason"]
+    _explored_with_left_out(tmp_path, [row for rows in ROWS for row in rows], reasons)
+    pack(synthetic_run(tmp_path))
+    card = (tmp_path / "dataset" / "README.md").read_text()
+    assert "could not be run: 5." in card
+    told = re.findall(r"^- `plan-e\d{3}`: (.+)$", card, re.MULTILINE)
+    assert told == ["no room", "the physics diverged at 0.40 s", "no start"]
 
 
 def test_the_card_counts_what_is_there(dataset):
@@ -160,6 +204,54 @@ def test_the_card_counts_what_is_there(dataset):
     assert (dataset / "pairs.png").is_file()
     assert "](pairs.png)" in card
     assert "](overlap.png)" in card
+    assert "left out" not in card
+
+
+def test_the_card_names_the_robot_that_explored_and_the_stages_it_knows_nothing_of(dataset):
+    card = (dataset / "README.md").read_text()
+    assert "Two simulated robots, each a `scout`," in card
+    assert "the parameters of `floorplans`, `meshes`.\n" in card
+
+
+def _carded_parameters(data: Path) -> dict[str, str]:
+    card = (data / "dataset" / "README.md").read_text()
+    return dict(re.findall(r"^\| `([\w.]+)` \| `(.+)` \|$", card, re.MULTILINE))
+
+
+def test_the_parameters_of_the_card_make_floor_plans_and_files_again(tmp_path):
+    made = synthetic_run(tmp_path, "floorplans.limits.min_area_m2=16.5", "floorplans.generate.count=3")
+    floorplans(made)
+    explored(tmp_path)
+    # Packed by a run that is set otherwise: the card tells what was made, not what would be made now.
+    pack(synthetic_run(tmp_path, "floorplans.generate.count=7", "floorplans.sources=[elsewhere]"))
+    parameters = _carded_parameters(tmp_path)
+    told = [f"{k}={v}" for k, v in parameters.items() if k.startswith(("floorplans.", "pack."))]
+    again = load_config(STAGES_YAML, preset="large", overrides=told)
+    shards = {"plans_per_shard": made.config.floorplans.plans_per_shard}
+    assert again.floorplans.model_copy(update=shards) == made.config.floorplans
+    assert again.pack == made.config.pack
+    assert load_config(STAGES_YAML, preset="large", overrides=SHARES).floorplans != made.config.floorplans
+
+
+_ARCHIVED = [f"x/json.tar.gz:json/{i}.json" for i in range(101)]
+
+
+@pytest.mark.parametrize(
+    ("names", "sources"),
+    [
+        (["a/1.json", "b/2.json", *_ARCHIVED], ["a/1.json", "b/2.json", "x/json.tar.gz"]),
+        ([*(f"a/{i}.json" for i in range(101)), "b/c/2.json", *_ARCHIVED], ["a", "b/c", "x/json.tar.gz"]),
+    ],
+)
+def test_the_card_tells_few_files_by_name_many_by_folder_and_archives_whole(names, sources, tmp_path):
+    inputs = Inputs(parameters={}, items=dict.fromkeys(names, ""))
+    task = Task(name=part_name(0), inputs=inputs, make=partial(shard_of, []))
+    synthetic_run(tmp_path).build("floorplans", [task], layout=LAYOUT)
+    explored(tmp_path)
+    pack(synthetic_run(tmp_path))
+    parameters = _carded_parameters(tmp_path)
+    assert json.loads(parameters["floorplans.sources"]) == sources
+    assert parameters["floorplans.generate.count"] == "0"
 
 
 # The three programs run in a process of their own, as a user's would, with no trace of this package.
