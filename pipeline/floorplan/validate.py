@@ -27,6 +27,9 @@ JOINT_M = 0.01
 HALF_DOORS_M = (0.6, 0.75, 0.9)
 """Half widths of the openings that part one room from the next: doors, then archways."""
 
+FARTHEST_M = 10_000.0
+"""A plan lies within this distance of the origin: GLB's 32 bits hold it to the millimetre there."""
+
 START_CLEARANCE_M = 0.25
 """Start regions keep this distance from the walls, to within 4 cm where the walls have corners."""
 
@@ -152,6 +155,11 @@ def _check_extent(floorplan: Floorplan, limits: FloorplanLimits) -> None:
         raise FloorplanError(
             f"{floorplan.plan_id}: {width_m:.4g} m x {depth_m:.4g} m from {_point(low_m)}; the sides must "
             f"be {limits.min_side_m:g} to {limits.max_side_m:g} m, coordinates in metres{hint}"
+        )
+    if max(-low_m.min(), high_m.max()) > FARTHEST_M:
+        raise FloorplanError(
+            f"{floorplan.plan_id}: lies at ({low_m[0]:.6g}, {low_m[1]:.6g}) m; must lie within "
+            f"{FARTHEST_M:g} m of the origin: take a corner of the plan for it"
         )
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gzip
+import io
 import tarfile
 import zlib
 from collections.abc import Iterator
@@ -12,6 +14,25 @@ from pipeline.errors import ConfigError, FloorplanError
 
 LARGEST_PLAN_BYTES = 16_000_000
 """HouseExpo's largest plan has 0.2 MB; what is larger than this is not read into memory."""
+
+_GZIP_MAGIC = b"\x1f\x8b"
+_CHUNK_BYTES = 1 << 20
+
+
+class _Header(tarfile.TarInfo):
+    """A member's header, of an archive that must be whole.
+
+    `tarfile` takes a damaged header, or the end of the file, for the end of the archive.
+    """
+
+    @classmethod
+    def fromtarfile(cls, archive: tarfile.TarFile) -> _Header:
+        try:
+            return super().fromtarfile(archive)
+        except tarfile.EOFHeaderError:  # type: ignore[attr-defined]  # the block that ends an archive
+            raise
+        except tarfile.HeaderError as error:
+            raise tarfile.ReadError(f"no member and no end of the archive: {error}") from error
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -80,7 +101,7 @@ def _read(path: Path) -> PlanFile:
 def _archived(path: Path) -> Iterator[PlanFile]:
     members = 0
     try:
-        with tarfile.open(path, mode="r|*") as archive:
+        with _opened(path) as stream, tarfile.open(fileobj=stream, mode="r|", tarinfo=_Header) as archive:
             for member in archive:
                 archive.members = []  # type: ignore[attr-defined]  # or it keeps all 35,126 of them
                 name = member.name.rpartition("/")[2]
@@ -94,10 +115,18 @@ def _archived(path: Path) -> Iterator[PlanFile]:
                 extracted = archive.extractfile(member)
                 assert extracted is not None, "a regular file has content"
                 yield PlanFile(source=source, content=extracted.read())
+            while stream.read(_CHUNK_BYTES):
+                pass  # gzip compares its checksum when it comes to its end
     except (tarfile.TarError, EOFError, zlib.error, OSError) as error:
         raise FloorplanError(
             f"{path}: damaged after {members} plans ({' '.join(str(error).split())}); fetch it again"
         ) from error
+
+
+def _opened(path: Path) -> io.BufferedIOBase:
+    with path.open("rb") as file:
+        zipped = file.read(len(_GZIP_MAGIC)) == _GZIP_MAGIC
+    return gzip.open(path) if zipped else path.open("rb")
 
 
 def _too_large(size_bytes: int) -> str:

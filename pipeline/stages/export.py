@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import difflib
-import json
 from collections.abc import Mapping
 from pathlib import Path
 
 from pipeline.errors import FloorplanError, StoreError
 from pipeline.floorplan.generate import shipped_floorplans
-from pipeline.floorplan.houseexpo import to_houseexpo
-from pipeline.floorplan.records import Floorplan
+from pipeline.floorplan.houseexpo import houseexpo_json
 from pipeline.plan_schema import PLAN_COLUMNS, plan_of
 from pipeline.store.read import StageReader
 
@@ -35,7 +33,7 @@ def export_plan(meshes: StageReader, plan_id: str, out: Path) -> list[Path]:
     return _written(
         out,
         {
-            f"{plan_id}.json": houseexpo_json(plan_of(row)),
+            f"{plan_id}.json": houseexpo_json(plan_of(row)).encode(),
             f"{plan_id}.glb": row["glb"],
             f"{plan_id}-furnished.glb": row["glb_furnished"],
             f"{plan_id}.xml": row["mjcf"].encode(),
@@ -50,12 +48,7 @@ def export_floorplans(count: int, out: Path) -> list[Path]:
         The files written.
     """
     plans = shipped_floorplans(count)
-    return _written(out, {f"{plan.plan_id}.json": houseexpo_json(plan) for plan in plans})
-
-
-def houseexpo_json(plan: Floorplan) -> bytes:
-    """A plan as the content of a HouseExpo file."""
-    return (json.dumps(to_houseexpo(plan), separators=(",", ":")) + "\n").encode()
+    return _written(out, {f"{plan.plan_id}.json": houseexpo_json(plan).encode() for plan in plans})
 
 
 def _written(out: Path, files: Mapping[str, bytes]) -> list[Path]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+import zlib
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
@@ -39,7 +40,7 @@ class Candidate:
         digest: of the file's bytes; empty for a generated plan, which parameters and seed determine.
         load: gives the plan, or raises `FloorplanError`.
         keys: what no two plans may share: id and geometry.
-        same_as: an earlier candidate that shares one of them.
+        same_as: an earlier, usable candidate that shares one of them.
     """
 
     name: str
@@ -98,12 +99,12 @@ def _usable_plan(candidate: Candidate, limits: FloorplanLimits) -> Floorplan:
 
 def _batches(section: FloorplansSection, seed: int) -> Iterator[tuple[Inputs, tuple[Candidate, ...]]]:
     """The candidates of each shard. None mixes sources: a new one leaves those of the others alone."""
-    seen: dict[str, str] = {}
+    holders: dict[str, Candidate] = {}
     judged_by = section.parameters(exclude={"sources", "generate", "plans_per_shard"})
     drawn_from = section.parameters(exclude={"sources", "generate.count", "plans_per_shard"})
     read = [(_read_candidates(source), judged_by, None) for source in section.sources]
     for candidates, parameters, own_seed in [*read, (_generated_candidates(section, seed), drawn_from, seed)]:
-        singled = _marked_duplicates(candidates, seen)
+        singled = _marked_duplicates(candidates, holders, section.limits)
         while batch := tuple(islice(singled, section.plans_per_shard)):
             items = {candidate.name: candidate.same_as or candidate.digest for candidate in batch}
             yield Inputs(parameters=parameters, items=items, seed=own_seed, version=VERSION), batch
@@ -115,7 +116,7 @@ def _read_candidates(source: str) -> Iterator[Candidate]:
             name=file.source,
             origin="houseexpo",
             digest=hashlib.sha256(file.content).hexdigest(),
-            load=partial(_parsed, file),
+            load=partial(_parsed, file.source, zlib.compress(file.content, level=1), file.fault),
             keys=_keys(file),
         )
 
@@ -137,23 +138,24 @@ def _generated(plan_id: str, parameters: GeneratorParameters, seed: int) -> Floo
     return generate_floorplan(rng, plan_id=plan_id, parameters=parameters)
 
 
-def _parsed(file: PlanFile) -> Floorplan:
-    if file.fault:
-        raise FloorplanError(f"{file.source}: {file.fault}")
-    return parse_floorplan(_json(file), source=file.source)
+def _parsed(source: str, compressed: bytes, fault: str) -> Floorplan:
+    """The plan of a file, whose content is held compressed: all candidates are kept to find duplicates."""
+    if fault:
+        raise FloorplanError(f"{source}: {fault}")
+    return parse_floorplan(_json(zlib.decompress(compressed), source), source=source)
 
 
-def _json(file: PlanFile) -> Any:
+def _json(content: bytes, source: str) -> Any:
     try:
-        return json.loads(file.content)
+        return json.loads(content)
     except (ValueError, RecursionError) as error:
-        raise FloorplanError(f"{file.source}: not JSON ({error}); must be one floor plan") from error
+        raise FloorplanError(f"{source}: not JSON ({error}); must be one floor plan") from error
 
 
 def _keys(file: PlanFile) -> tuple[str, ...]:
     """The plan's id and geometry as the file gives them; none of a file that is faulty in other ways."""
     try:
-        data = _json(file)
+        data = _json(file.content, file.source)
     except FloorplanError:
         return ()
     if not isinstance(data, dict) or "id" not in data or "verts" not in data:
@@ -162,13 +164,37 @@ def _keys(file: PlanFile) -> tuple[str, ...]:
     return f"id {data['id']}", f"geometry {hashlib.sha256(rings.encode()).hexdigest()}"
 
 
-def _marked_duplicates(candidates: Iterable[Candidate], seen: dict[str, str]) -> Iterator[Candidate]:
-    """The candidates, each told apart from those seen before; adds them to `seen`, in place."""
+def _marked_duplicates(
+    candidates: Iterable[Candidate], holders: dict[str, Candidate], limits: FloorplanLimits
+) -> Iterator[Candidate]:
+    """The candidates, each told apart from the usable ones before it.
+
+    Only a candidate whose key is asked for again is judged here; all others are judged in their shards.
+
+    Args:
+        candidates: in the order in which they have a claim to their keys.
+        holders: the latest candidate that is no known duplicate, by each of its keys; updated in place.
+        limits: what a usable plan keeps to.
+    """
+    verdicts: dict[Candidate, bool] = {}
     for candidate in candidates:
-        first = next((seen[key] for key in candidate.keys if key in seen), "")
-        for key in candidate.keys:
-            seen.setdefault(key, candidate.name)
+        rivals = [holders[key] for key in candidate.keys if key in holders]
+        first = next((rival.name for rival in rivals if _is_usable(rival, limits, verdicts)), "")
+        if not first:
+            holders |= dict.fromkeys(candidate.keys, candidate)
         yield replace(candidate, same_as=first)
+
+
+def _is_usable(candidate: Candidate, limits: FloorplanLimits, verdicts: dict[Candidate, bool]) -> bool:
+    """Whether a candidate is usable; judged once, kept in `verdicts`."""
+    if candidate not in verdicts:
+        try:
+            validated(candidate.load(), limits=limits)
+        except FloorplanError:
+            verdicts[candidate] = False
+        else:
+            verdicts[candidate] = True
+    return verdicts[candidate]
 
 
 def _shard_count(section: FloorplansSection) -> int | None:

@@ -57,6 +57,11 @@ def test_duplicate_and_collinear_vertices_fall_away():
     assert len(validated(plan_of(ring)).outline_m) == 12
 
 
+def test_a_plan_may_lie_kilometres_from_the_origin():
+    plan = validated(plan_of([[x + 9_900.0, y - 9_900.0] for x, y in TWO_ROOMS]))
+    assert plan.free_space().area == pytest.approx(AREA_M2)
+
+
 def test_a_small_crossing_is_repaired():
     # Two vertices 4 cm apart in the south-east corner have changed places.
     ring = [*TWO_ROOMS[:5], [8.0, 0.03], [7.97, 0.0], *TWO_ROOMS[6:]]
@@ -98,6 +103,11 @@ def test_walls_that_touch_in_a_point_are_joined():
             r"^p: 800 m x 400 m from \(0\.00, 0\.00\) m; the sides must be 3 to 60 m, coordinates in metres; "
             r"pixels or millimetres\?$",
         ),
+        (
+            plan_of([[x + 1e6, y] for x, y in TWO_ROOMS]),
+            r"^p: lies at \(1e\+06, 0\) m; must lie within 10000 m of the origin: take a corner of the plan",
+        ),
+        (plan_of([[x, y - 1e12] for x, y in TWO_ROOMS]), r"^p: lies at \(0, -1e\+12\) m; must lie within"),
         (plan_of([[x / 10, y / 10] for x, y in TWO_ROOMS]), r"^p: 0\.8 m x 0\.4 m .* must be 3 to 60 m"),
         (plan_of([[0, 0], [10, 0], [10, 1], [1, 1], [1, 4], [0, 4]]), r"^p: 13\.0 m2 .* 15 to 1500 m2$"),
         (

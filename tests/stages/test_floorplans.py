@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import random
+import re
 import tarfile
 import tracemalloc
 from pathlib import Path
@@ -118,6 +119,38 @@ def test_a_truncated_archive_is_told(make_run: MakeRun, tmp_path: Path):
         floorplans(read_run(make_run, packed))
 
 
+def test_any_flipped_byte_in_an_archive_is_told_or_does_no_harm(tmp_path: Path):
+    folder = write(tmp_path / "plans", **{f"p{i}": plan(f"p{i}", width_m=8 + i) for i in range(3)})
+    packed = archive(tmp_path / "json.tar.gz", folder)
+    whole, sound = packed.read_bytes(), [file.content for file in plan_files(str(packed))]
+    told = []
+    for index in range(len(whole)):
+        packed.write_bytes(whole[:index] + bytes([whole[index] ^ 0x55]) + whole[index + 1 :])
+        try:
+            assert [file.content for file in plan_files(str(packed))] == sound, f"byte {index}"
+        except FloorplanError as error:
+            told.append(str(error))
+    assert len(told) > len(whole) - 30  # all but some of gzip's own header
+    line = re.compile(r".*json.tar.gz: damaged after \d plans \(.+\); fetch it again")
+    assert [message for message in told if not line.fullmatch(message)] == []
+
+
+@pytest.mark.parametrize("harm", ["header", "no end"])
+def test_a_damaged_archive_without_compression_is_told(tmp_path: Path, harm: str):
+    packed = tmp_path / "json.tar"
+    with tarfile.open(packed, "w", format=tarfile.USTAR_FORMAT) as tar:  # one header for each member
+        tar.add(write(tmp_path / "plans", a=plan("a"), b=plan("b")), arcname="json")
+    content = bytearray(packed.read_bytes())
+    second = content.index(b"json/b.json")
+    if harm == "header":
+        content[second + 20] ^= 1
+    else:
+        del content[second:]
+    packed.write_bytes(content)
+    with pytest.raises(FloorplanError, match=r"json.tar: damaged after 1 plans \(.+\); fetch it again"):
+        list(plan_files(str(packed)))
+
+
 def test_what_cannot_be_used_is_left_out_with_its_reason(make_run: MakeRun, tmp_path: Path):
     bowtie = {"id": "bowtie", "verts": [[0, 0], [8, 8], [8, 0], [0, 8]]}
     folder = write(
@@ -168,6 +201,25 @@ def test_duplicates_are_left_out_across_sources(make_run: MakeRun, tmp_path: Pat
     for name in ("c", "d"):
         assert reasons[name].endswith(f"duplicate: same id or geometry as {first / 'a.json'}")
     assert reasons["gen-000001"].endswith(f"same id or geometry as {second / 'e.json'}")
+
+
+def test_a_plan_that_cannot_be_used_shadows_none_that_can(make_run: MakeRun, tmp_path: Path):
+    folder = write(
+        tmp_path / "plans",
+        a=plan("x", width_m=800.0),  # far too wide
+        b=plan("x"),
+        c=plan("bad id!", width_m=9.0),
+        d=plan("y", width_m=9.0),  # the geometry of c
+        e=plan("z"),  # the geometry of b
+        f=plan("z", width_m=11.0),  # the id of e, which is a duplicate
+        g=plan("gen-000000", width_m=900.0),
+    )
+    run = read_run(make_run, folder, generate=1)
+    manifest = floorplans(run)
+    assert [row["plan_id"] for row in rows_of(run)] == ["x", "y", "z", "gen-000000"]
+    reasons = {Path(entry.item_id).stem: entry.reason for entry in manifest.quarantined}
+    assert set(reasons) == {"a", "c", "e", "g"}
+    assert reasons["e"].endswith(f"duplicate: same id or geometry as {folder / 'b.json'}")
 
 
 def test_a_run_without_any_usable_plan_says_so(make_run: MakeRun, tmp_path: Path):
