@@ -80,6 +80,15 @@ def _stage_function(stage: str) -> Callable[[Run], Any]:
     return function
 
 
+def _data_folder(data: str) -> str:
+    """The data folder, which without a name would be the root of the file system."""
+    if not data.strip():
+        raise ConfigError(
+            f"--data is {data!r}; must name a folder or be a URI, such as data or s3://bucket/data"
+        )
+    return data
+
+
 def _run(
     config: str, preset: str, overrides: list[str], data: str, workers: int, seed: int | None, engine: str
 ) -> Run:
@@ -89,7 +98,7 @@ def _run(
 
     return Run(
         config=load_config(config, preset=preset, overrides=overrides, seed=seed),
-        data=data,
+        data=_data_folder(data),
         workers=workers,
         engine=_choice(Engine, "--engine", engine),
     )
@@ -143,12 +152,13 @@ def export_plan(
     plan_id: Annotated[str, typer.Argument(help="Name of the plan.")],
     out: Annotated[Path, typer.Option("--out", help="Folder to write to.")] = Path("export"),
     data: Data = "data",
+    config: Config = "stages.yaml",
 ) -> None:
     """Write a plan that `meshes` has raised: HouseExpo JSON, GLB, GLB with furniture, MJCF with robots."""
     from pipeline.stages.export import export_plan as written
-    from pipeline.store.read import StageReader
 
-    for path in written(StageReader(f"{data}/meshes", "meshes"), plan_id, out):
+    run = _run(config, "default", [], data, CORES, None, "local")
+    for path in written(run.read("meshes"), plan_id, out):
         print(path)
 
 

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 from pydantic import Field
 
@@ -20,6 +21,10 @@ from pipeline.strict_yaml import load_file, load_value
 PositiveInt = Annotated[int, Field(ge=1)]
 Positive = Annotated[float, Field(gt=0)]
 SplitFraction = Annotated[float, Field(ge=0, le=0.45)]
+Seed = Annotated[int, Field(ge=0, le=2**63 - 1)]  # a column of the dataset holds it in 64 bits
+
+_RIGHT = "a YAML mapping with seed, stages and presets; --config FILE names another"
+_FOLDER_PATTERN = re.compile(r"[a-z0-9][a-z0-9_-]*")
 
 
 class StageSection(Section):
@@ -27,7 +32,12 @@ class StageSection(Section):
 
     Fields are numbers, strings, lists, or frozen dataclasses of the rooms; what bounds a value is written
     in its type. `stages.yaml` holds the values.
+
+    Attributes:
+        upstream: the stages whose output the stage's code reads.
     """
+
+    upstream: ClassVar[tuple[str, ...]] = ()
 
     @classmethod
     def stage(cls) -> str:
@@ -79,6 +89,7 @@ class MeshesSection(StageSection):
         plans_per_shard: at most as many as a shard of `floorplans` has.
     """
 
+    upstream = ("floorplans",)
     wall_height_m: Positive
     robot: str
     furniture_density: Annotated[float, Field(ge=0, le=3)]
@@ -97,6 +108,7 @@ class ExploreSection(StageSection):
         episode: how long an episode runs, what is recorded, noise, exploration, SLAM.
     """
 
+    upstream = ("meshes",)
     plans_per_shard: PositiveInt
     episodes_per_plan: PositiveInt
     robot: str
@@ -114,6 +126,7 @@ class PackSection(StageSection):
         validation_fraction, test_fraction: shares of all floor plans; the rest is for training.
     """
 
+    upstream = ("explore",)
     rows_per_file: PositiveInt
     validation_fraction: SplitFraction
     test_fraction: SplitFraction
@@ -122,7 +135,7 @@ class PackSection(StageSection):
 class Parameters(Section):
     """The root seed and the sections of all stages, in flow order."""
 
-    seed: Annotated[int, Field(ge=0)]
+    seed: Seed
     floorplans: FloorplansSection
     meshes: MeshesSection
     explore: ExploreSection
@@ -175,15 +188,15 @@ def load_config(
     Raises:
         ConfigError: a key is unknown, a value is wrong; one line that says where, what, and what is right.
     """
-    file = validated_section(_StagesFile, load_file(path), file=str(path))
+    file = validated_section(_StagesFile, load_file(path, right=_RIGHT), file=str(path))
     _check_flow(file.stages, str(path))
     layers: dict[str, Mapping[str, Any]] = {
         f"{path}: stages": {name: stage.parameters for name, stage in file.stages.items()},
         f"{path}: presets.{preset}": _preset(file, preset, str(path)),
     }
-    if seed is not None:
-        overrides = [*overrides, f"seed={seed}"]
     layers |= {f"--set {override}": _override(override) for override in overrides}
+    if seed is not None:
+        layers[f"--seed {seed}"] = {"seed": seed}
     values: dict[str, Any] = {"seed": file.seed}
     for layer in layers.values():
         values = _overlaid(values, layer)
@@ -192,15 +205,39 @@ def load_config(
 
 
 def _check_flow(stages: Mapping[str, StageLinks], file: str) -> None:
+    """See that each stage follows those that its code reads, and has a folder of its own."""
     known: list[str] = []
+    folders: dict[str, str] = {}
     for name, stage in stages.items():
+        if not _FOLDER_PATTERN.fullmatch(stage.writes):
+            raise ConfigError(
+                f"{file}: stages.{name}.writes is {stage.writes!r:.60}; must be one folder's plain name: "
+                "small letters, digits, '-' and '_'"
+            )
+        if (other := folders.setdefault(stage.writes, name)) != name:
+            raise ConfigError(
+                f"{file}: stages.{name}.writes is {stage.writes!r}, as is {other}'s; each stage needs its own"
+            )
+        read = _upstream(name)
+        if read is not None and set(stage.reads) != set(read):
+            raise ConfigError(
+                f"{file}: stages.{name}.reads is {list(stage.reads)}; must be {list(read)}, which is what "
+                "its code reads"
+            )
         for upstream in stage.reads:
             if upstream not in known:
-                above = ", ".join(known)
+                above = ", ".join(known) or "none"
                 raise ConfigError(
-                    f"{file}: stages.{name}.reads has {upstream!r}; stages above it are {above}"
+                    f"{file}: stages.{name}.reads has {upstream!r}; the stages above it are {above}"
                 )
         known.append(name)
+
+
+def _upstream(stage: str) -> tuple[str, ...] | None:
+    """What a stage's code reads; None if there is no such stage, which is told where its parameters are."""
+    field = Parameters.model_fields.get(stage)
+    section = field.annotation if field is not None else None
+    return section.upstream if isinstance(section, type) and issubclass(section, StageSection) else None
 
 
 def _preset(file: _StagesFile, preset: str, path: str) -> dict[str, Any]:

@@ -10,6 +10,7 @@ from pipeline.strict_section import Section, validated_section
 from pipeline.strict_yaml import load_file
 
 ROBOTS = Path(__file__).parents[1] / "assets" / "robots"
+_RIGHT = "a robot file, a YAML mapping such as assets/robots/burger/robot.yaml"
 
 
 class _RobotFile(Section):
@@ -29,4 +30,4 @@ def load_robot(robot: str) -> RobotSpec:
     if not path.is_file():
         known = ", ".join(sorted(p.name for p in ROBOTS.iterdir() if (p / "robot.yaml").is_file()))
         raise ConfigError(f"robot {robot!r}: no file {path}; known robots are {known}, or give a .yaml file")
-    return validated_section(_RobotFile, {"robot": load_file(path)}, file=str(path)).robot
+    return validated_section(_RobotFile, {"robot": load_file(path, right=_RIGHT)}, file=str(path)).robot

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Hashable
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,10 @@ class _Loader(yaml.SafeLoader):
         seen: set[Any] = set()
         for key_node, _ in node.value:
             key = self.construct_object(key_node, deep=True)
+            if not isinstance(key, Hashable):
+                raise yaml.MarkedYAMLError(
+                    problem=f"{key!r} cannot be a key", problem_mark=key_node.start_mark
+                )
             if key in seen:
                 raise yaml.MarkedYAMLError(
                     problem=f"key {key!r} is given twice", problem_mark=key_node.start_mark
@@ -30,8 +35,12 @@ _Loader.add_implicit_resolver(
 )
 
 
-def load_file(path: str | Path) -> dict[str, Any]:
+def load_file(path: str | Path, *, right: str) -> dict[str, Any]:
     """The mapping that a YAML file holds.
+
+    Args:
+        path: the file.
+        right: what it should be, for messages.
 
     Raises:
         ConfigError: there is no such file, or it is not a YAML mapping.
@@ -39,12 +48,13 @@ def load_file(path: str | Path) -> dict[str, Any]:
     try:
         text = Path(path).read_text(encoding="utf-8")
     except OSError as error:
-        raise ConfigError(
-            f"{path}: {(error.strerror or str(error)).lower()}; --config FILE names another"
-        ) from error
+        raise ConfigError(f"{path}: {(error.strerror or str(error)).lower()}; must be {right}") from error
+    except UnicodeDecodeError as error:
+        raise ConfigError(f"{path}: not text in UTF-8 ({error.reason}); must be {right}") from error
     content = _load(text, str(path))
     if not isinstance(content, dict):
-        raise ConfigError(f"{path}: holds {content!r:.40}; must be a mapping with seed, stages and presets")
+        found = "nothing" if content is None else f"{content!r:.40}"
+        raise ConfigError(f"{path}: holds {found}; must be {right}")
     return content
 
 
@@ -64,5 +74,5 @@ def _load(text: str, where: str) -> Any:
         mark = error.problem_mark
         line = f":{mark.line + 1}" if mark is not None and "\n" in text else ""
         raise ConfigError(f"{where}{line}: {error.problem or error.context}") from error
-    except yaml.YAMLError as error:
+    except (yaml.YAMLError, ValueError, RecursionError) as error:  # such as the date 2024-13-45
         raise ConfigError(f"{where}: {' '.join(str(error).split())}") from error

@@ -66,6 +66,10 @@ def test_every_command_explains_itself(name: str):
         (("meshes", "--preset", "huge"), "presets are smoke, default, large, paper"),
         (("meshes", "--engine", "spark"), "--engine is 'spark'; must be one of local, inline, ray"),
         (("meshes", "--config", "nowhere.yaml"), "nowhere.yaml: no such file or directory"),
+        (("meshes", "--data", ""), "--data is ''; must name a folder or be a URI"),
+        (("export", "plan", "x", "--data", " "), "--data is ' '; must name a folder or be a URI"),
+        (("meshes", "--seed", "9" * 20), f"must be less than or equal to {2**63 - 1}"),
+        (("meshes", "--config", sys.executable), "not text in UTF-8"),
         (("meshes", "--data", "nowhere"), "nowhere/floorplans: no manifest.json"),
         (("verify", "nowhere"), "nowhere: no stage's output here"),
         (("inspect", "nowhere"), "nowhere: no manifest.json"),
@@ -99,6 +103,28 @@ def test_verify_says_sound_and_then_names_the_fault(tmp_path: Path):
     shown = rendezvous("verify", str(tmp_path))
     assert shown.returncode == 1
     assert shown.stdout.startswith(f"{part}: file truncated")
+
+
+def test_verify_goes_on_after_a_damaged_manifest(tmp_path: Path):
+    assert rendezvous(*generate(tmp_path)).returncode == 0
+    broken = tmp_path / "broken" / "manifest.json"
+    broken.parent.mkdir()
+    broken.write_text("[")
+    part = tmp_path / "floorplans" / "part-00002.parquet"
+    part.unlink()
+    shown = rendezvous("verify", str(tmp_path))
+    assert shown.returncode == 1
+    first, second = shown.stdout.splitlines()
+    assert first.startswith(f"{broken}: damaged")
+    assert second == f"{part}: file missing"
+
+
+def test_a_plan_is_exported_from_where_meshes_writes(tmp_path: Path):
+    config = tmp_path / "stages.yaml"
+    config.write_text((ROOT / "stages.yaml").read_text().replace("writes: meshes", "writes: solids"))
+    shown = rendezvous("export", "plan", "x", "--data", "nowhere", "--config", str(config))
+    assert shown.returncode == 2
+    assert "nowhere/solids: no manifest.json" in shown.stderr
 
 
 @pytest.mark.slow

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
+import yaml
 
-from pipeline.config import load_config
+from pipeline.config import Parameters, load_config
 from pipeline.errors import ConfigError
 from tests.conftest import ROOT
 
@@ -61,7 +63,7 @@ def test_an_override_leaves_its_neighbours_alone():
     assert config.floorplans.generate.count == load_config(STAGES_YAML).floorplans.generate.count
 
 
-@pytest.mark.parametrize("seed", [0, 1, 2**40])
+@pytest.mark.parametrize("seed", [0, 1, 2**40, 2**63 - 1])
 def test_the_seed_given_is_the_seed_used(seed: int):
     assert load_config(STAGES_YAML, overrides=["seed=5"], seed=seed).seed == seed
     assert load_config(STAGES_YAML, overrides=[f"seed={seed}"]).seed == seed
@@ -103,6 +105,10 @@ def test_parameters_are_told_by_their_full_keys_without_those_left_out():
         ("meshes.wall_height_m=.inf", "meshes.wall_height_m is inf; must be a finite number"),
         ("meshes.wall_height_m=2024-01-01", "must be numbers, texts, lists and mappings"),
         ("seed=-1", "seed is -1; must be greater than or equal to 0"),
+        (f"seed={2**63}", f"seed is {2**63}; must be less than or equal to {2**63 - 1}"),
+        ("seed=2024-13-45", "month must be in 1..12"),
+        ("explore={[1]: 2}", "[1] cannot be a key"),
+        ("meshes.robot=" + "[" * 10_000, "recursion"),
         ("explore.episodes_per_plan", "must be KEY=VALUE, such as explore.episodes_per_plan=10"),
         ("explore..x=1", "must be KEY=VALUE"),
         ("explore.episodes_per_plan=[", "expected the node content"),
@@ -154,9 +160,53 @@ def test_yaml_cannot_run_code(edited, tmp_path: Path):
     assert not mark.exists()
 
 
-def test_a_stage_cannot_read_what_comes_after_it(edited):
-    message = message_of(path=edited("reads: [floorplans]", "reads: [explore]"))
-    assert "stages.meshes.reads has 'explore'; stages above it are floorplans" in message
+def test_a_stage_cannot_read_what_comes_after_it(tmp_path: Path):
+    content = yaml.safe_load(STAGES_YAML.read_text())
+    content["stages"] = dict(reversed(content["stages"].items()))
+    path = tmp_path / "reversed.yaml"
+    path.write_text(yaml.safe_dump(content, sort_keys=False))
+    assert "stages.pack.reads has 'explore'; the stages above it are none" in message_of(path=path)
+
+
+@pytest.mark.parametrize("reads", ["[]", "[explore]", "[floorplans, explore]"])
+def test_a_stage_reads_what_its_code_reads(edited, reads: str):
+    message = message_of(path=edited("reads: [floorplans]", f"reads: {reads}"))
+    given = [name for name in re.split(r"\W+", reads) if name]
+    assert f"stages.meshes.reads is {given}; must be ['floorplans']" in message
+
+
+def test_the_configuration_knows_what_each_stages_code_reads():
+    for stage in load_config(STAGES_YAML).stages:
+        code = (ROOT / "pipeline" / "stages" / f"{stage}.py").read_text()
+        upstream = Parameters.model_fields[stage].annotation.upstream
+        assert set(re.findall(r'run\.read\("(\w+)"\)', code)) == set(upstream)
+
+
+@pytest.mark.parametrize(
+    "writes", ["", ".", "..", "a/b", "../floorplans", "/tmp", "a b", ".hidden", "Meshes"]
+)
+def test_a_stages_folder_has_a_plain_name(edited, writes: str):
+    message = message_of(path=edited("writes: meshes", f"writes: {writes!r}"))
+    assert f"stages.meshes.writes is {writes!r}; must be one folder's plain name" in message
+
+
+def test_no_two_stages_write_to_one_folder(edited):
+    message = message_of(path=edited("writes: meshes", "writes: floorplans"))
+    assert "stages.meshes.writes is 'floorplans', as is floorplans's; each stage needs its own" in message
+
+
+@pytest.mark.parametrize("content", [b"", b"\xff\xfe\x00", b"- 1", b"a\x00b"])
+def test_a_file_that_is_no_mapping_in_text_is_one_line(tmp_path: Path, content: bytes):
+    path = tmp_path / "stages.yaml"
+    path.write_bytes(content)
+    message = message_of(path=path)
+    assert message.startswith(f"{path}: ")
+    assert content == b"a\x00b" or "must be a YAML mapping with seed, stages and presets" in message
+
+
+def test_a_seed_on_the_command_line_is_told_as_such():
+    with pytest.raises(ConfigError, match=r"^--seed 9{20}: seed is 9{20}; must be less than or equal to"):
+        load_config(STAGES_YAML, seed=int("9" * 20))
 
 
 def test_a_missing_file_and_an_unknown_preset_are_told():

@@ -49,7 +49,7 @@ def inspect(
         seed: of the random draw.
 
     Raises:
-        StoreError: there is no such output, or nothing in it.
+        StoreError: there is no such output, nothing in it, or the picture cannot be written.
     """
     reader = StageReader(folder)
     manifest = reader.manifest()
@@ -63,9 +63,17 @@ def inspect(
         image, name = _pairs(reader, sightings, count=count, order=order, seed=seed), "pairs"
         figures = f"{figures}\n\n{quality_table(sightings)}"
     picture = output or Path("report") / f"{name}.png"
-    picture.parent.mkdir(parents=True, exist_ok=True)
-    picture.write_bytes(encoded_png(image))
+    _write(picture, encoded_png(image))
     return Inspection(summary=figures, picture=picture)
+
+
+def _write(picture: Path, png: bytes) -> None:
+    try:
+        picture.parent.mkdir(parents=True, exist_ok=True)
+        picture.write_bytes(png)
+    except OSError as error:
+        reason = (error.strerror or str(error)).lower()
+        raise StoreError(f"{picture}: cannot be written ({reason}); --out names a PNG file") from error
 
 
 def _pairs(reader: StageReader, sightings: pa.Table, *, count: int, order: Order, seed: int) -> Image:

@@ -124,7 +124,7 @@ def read_manifest(disk: Disk) -> Manifest | None:
         return None
     try:
         return Manifest.from_json(fields)
-    except (KeyError, TypeError) as error:
+    except (AttributeError, KeyError, TypeError) as error:
         raise StoreError(f"{disk.shown(MANIFEST)}: damaged ({error}); run the stage again") from error
 
 
@@ -133,7 +133,7 @@ def read_record(disk: Disk, shard_name: str) -> ShardRecord | None:
     try:
         fields = read_json(disk, ShardRecord.record_name(shard_name))
         return None if fields is None else ShardRecord.from_json(fields)
-    except (KeyError, TypeError, StoreError):
+    except (AttributeError, KeyError, TypeError, StoreError):
         return None
 
 
@@ -143,5 +143,5 @@ def read_json(disk: Disk, name: str) -> dict[str, Any] | None:
         return None
     try:
         return dict(json.loads(disk.read(name)))
-    except ValueError as error:
+    except (TypeError, ValueError) as error:  # another kind of value than an object, or not JSON
         raise StoreError(f"{disk.shown(name)}: damaged ({error}); run the stage again") from error

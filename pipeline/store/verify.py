@@ -30,13 +30,12 @@ def stage_folders(root: str) -> list[str]:
 
 
 def verify(root: str) -> list[str]:
-    """What is wrong with one stage's folder, a line each; empty if it is sound.
-
-    Raises:
-        StoreError: the manifest cannot be read.
-    """
+    """What is wrong with one stage's folder, a line each; empty if it is sound."""
     disk = Disk(root)
-    manifest = read_manifest(disk)
+    try:
+        manifest = read_manifest(disk)
+    except StoreError as error:
+        return [str(error)]
     if manifest is None:
         return [f"{disk.shown(MANIFEST)}: missing, so the stage has not finished; run it again to resume"]
     return _damaged(disk, manifest) + _misrecorded(disk, manifest) + _unlisted(disk, manifest)

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import fcntl
 import hashlib
 import os
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 from importlib import metadata
 
@@ -14,7 +14,7 @@ from pipeline.errors import StoreError
 from pipeline.store.digest import content_digest, item_digests
 from pipeline.store.disk import TEMPORARY_MARK, Disk
 from pipeline.store.parquet import Layout, parquet_bytes
-from pipeline.store.read import read_record
+from pipeline.store.read import read_manifest, read_record
 from pipeline.store.records import (
     MANIFEST,
     RECORD_FOLDER,
@@ -56,6 +56,7 @@ class StageWriter:
     layout: Layout = field(default_factory=Layout)
     _by_fingerprint: dict[str, str] = field(default_factory=dict, repr=False)
     _claimed: set[str] = field(default_factory=set, repr=False)
+    _published: set[str] = field(default_factory=set, repr=False)
 
     def for_worker(self) -> StageWriter:
         """As small as can be sent to a worker."""
@@ -65,7 +66,7 @@ class StageWriter:
     def disk(self) -> Disk:
         return Disk(self.root)
 
-    @contextmanager
+    @contextlib.contextmanager
     def locked(self) -> Iterator[None]:
         """Keep other runs out of the folder, and clear away what a killed run left half written.
 
@@ -80,7 +81,7 @@ class StageWriter:
             finally:
                 self._remove_temporaries()
 
-    @contextmanager
+    @contextlib.contextmanager
     def _lock(self) -> Iterator[None]:
         disk = self.disk
         if disk.is_uri:  # object storage knows no locks
@@ -104,12 +105,14 @@ class StageWriter:
                 self.disk.remove(name)
 
     def _index(self) -> None:
-        head, tail = f"{RECORD_FOLDER}/", ".json"
-        for name in self.disk.names():
-            if name.startswith(head) and name.endswith(tail):
-                record = read_record(self.disk, name.removeprefix(head).removesuffix(tail))
-                if record is not None:
-                    self._by_fingerprint[record.inputs.fingerprint()] = record.name
+        with contextlib.suppress(StoreError):  # a damaged manifest says nothing; the records do
+            manifest = read_manifest(self.disk)
+            self._published = listed_names(manifest) if manifest is not None else set()
+        for name in _recorded_names(self.disk.names()):
+            record = read_record(self.disk, name)
+            # A run that was killed leaves the record of a shard that it did not come to write.
+            if record is not None and self.disk.size(name) == record.bytes:
+                self._by_fingerprint[record.inputs.fingerprint()] = name
 
     def finished(self, name: str, inputs: Inputs) -> ShardRecord | None:
         """The shard of these inputs, if it was made before; one with another number is renamed."""
@@ -154,8 +157,8 @@ class StageWriter:
     def _renamed(self, record: ShardRecord, name: str) -> ShardRecord:
         self.make_room(name, record.inputs)
         renamed = ShardRecord.from_json({**record.to_json(), "name": name})
-        self.disk.move(record.name, name)
         self.disk.write(ShardRecord.record_name(name), json_bytes(renamed.to_json()))
+        self.disk.move(record.name, name)
         self.disk.remove(ShardRecord.record_name(record.name))
         self._by_fingerprint[record.inputs.fingerprint()] = name
         return renamed
@@ -165,7 +168,10 @@ class StageWriter:
             self.disk.remove(MANIFEST)
 
     def write(self, name: str, inputs: Inputs, shard: Shard) -> ShardRecord:
-        """Write one shard, then the record that says it is finished."""
+        """Write the record of one shard, then the shard, which is finished when it is as recorded.
+
+        In this order no shard ever lies there unrecorded: a later run can tell it from a stranger's file.
+        """
         table, layout = shard.table, self.layout
         data = parquet_bytes(table, layout)
         record = ShardRecord(
@@ -182,12 +188,12 @@ class StageWriter:
             inputs=inputs,
             versions={package: metadata.version(package) for package in RECORDED_PACKAGES},
         )
-        self.disk.write(name, data)
         self.disk.write(ShardRecord.record_name(name), json_bytes(record.to_json()))
+        self.disk.write(name, data)
         return record
 
     def finish(self, records: Sequence[ShardRecord], files: Mapping[str, bytes]) -> Manifest:
-        """Write the files beside the shards, remove what is no longer wanted, and publish the manifest."""
+        """Write the files beside the shards, remove our own that are stale, and publish the manifest."""
         manifest = Manifest(
             stage=self.stage,
             shards=tuple(records),
@@ -199,7 +205,7 @@ class StageWriter:
         published = json_bytes(manifest.to_json())
         if self.disk.size(MANIFEST) is None or self.disk.read(MANIFEST) != published:
             self._unpublish()
-        self._remove_all_but(listed_names(manifest))
+        self._remove_stale(listed_names(manifest))
         for file in manifest.files:
             if damage(self.disk, file.name, file.bytes, file.sha256):
                 self.disk.write(file.name, files[file.name])
@@ -207,9 +213,14 @@ class StageWriter:
             self.disk.write(MANIFEST, published)
         return manifest
 
-    def _remove_all_but(self, wanted: set[str]) -> None:
-        for name in self.disk.names():
-            if name not in wanted and name.endswith((".parquet", ".parquet.json")):
+    def _remove_stale(self, wanted: set[str]) -> None:
+        """Remove what earlier runs listed and this one does not; whatever else lies here is not ours."""
+        names = self.disk.names()
+        shards = _recorded_names(names)
+        records = [ShardRecord.record_name(name) for name in shards]
+        # A shard goes before its record, so that one left behind by a killed run is still known.
+        for name in dict.fromkeys([*sorted(self._published - {*records}), *shards, *records]):
+            if name in names and name not in wanted:
                 self.disk.remove(name)
 
 
@@ -218,6 +229,13 @@ def listed_names(manifest: Manifest) -> set[str]:
     shards = [shard.name for shard in manifest.shards]
     records = [ShardRecord.record_name(name) for name in shards]
     return {MANIFEST, LOCK, *shards, *records, *(file.name for file in manifest.files)}
+
+
+def _recorded_names(names: Sequence[str]) -> list[str]:
+    """The shards that records are about, of the names of all files in a folder."""
+    head, tail = f"{RECORD_FOLDER}/", ".json"
+    records = [name for name in names if name.startswith(head) and name.endswith(f".parquet{tail}")]
+    return [name.removeprefix(head).removesuffix(tail) for name in records]
 
 
 def damage(disk: Disk, name: str, size_bytes: int, sha256: str) -> str | None:

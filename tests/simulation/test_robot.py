@@ -57,6 +57,14 @@ def test_an_unknown_robot_is_told_with_those_there_are() -> None:
         load_robot("burgr")
 
 
+@pytest.mark.parametrize("content", [b"", b"\xff\x00", b"- 1"])
+def test_a_file_that_holds_no_robot_is_told_with_what_one_is(tmp_path: Any, content: bytes) -> None:
+    path = tmp_path / "robot.yaml"
+    path.write_bytes(content)
+    with pytest.raises(ConfigError, match=r"; must be a robot file, a YAML mapping such as .*burger"):
+        load_robot(str(path))
+
+
 def test_a_misspelt_key_is_told_with_the_one_that_is_meant(tmp_path: Any) -> None:
     text = (ROBOTS / "burger" / "robot.yaml").read_text().replace("track_m:", "trackm:")
     path = tmp_path / "robot.yaml"

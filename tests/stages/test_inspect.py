@@ -77,6 +77,12 @@ def test_plans_come_with_their_furniture(tmp_path):
     assert (pictures[0] != pictures[1]).any()
 
 
+@pytest.mark.parametrize("output", ["/proc/x/y.png", "."])
+def test_a_picture_that_cannot_be_written_is_told(sightings, output: str):
+    with pytest.raises(StoreError, match=r"cannot be written \(.*\); --out names a PNG file"):
+        inspect(sightings, output=Path(output), count=1)
+
+
 def test_an_unfinished_or_empty_stage_is_an_error(tmp_path):
     with pytest.raises(StoreError, match=r"no manifest\.json"):
         inspect(str(tmp_path / "nowhere"))

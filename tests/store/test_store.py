@@ -152,11 +152,61 @@ def test_verify_finds_each_kind_of_harm_in_one_line(finished, harm, name: str, s
     assert "\n" not in fault
 
 
-def test_a_damaged_manifest_is_told(finished):
-    truncate(local(finished[0]) / "manifest.json")
-    truncate(local(finished[0]) / "manifest.json")
-    with pytest.raises(StoreError, match=r"manifest.json: damaged \(.*\); run the stage again"):
-        verify(finished[0])
+@pytest.mark.parametrize(
+    "content", ["", "{", "[1, 2]", "3", "null", "{}", '{"shards": [[]], "files": []}', '{"shards": [{}]}']
+)
+def test_a_damaged_manifest_is_a_fault_like_others(finished, content: str):
+    (local(finished[0]) / "manifest.json").write_text(content)
+    (fault,) = verify(finished[0])
+    assert re.search(r"manifest.json: damaged \(.*\); run the stage again$", fault)
+    with pytest.raises(StoreError, match=r"manifest.json: damaged"):
+        StageReader(finished[0], "toy").manifest()
+
+
+@pytest.mark.parametrize("harm", [None, Path.unlink, truncate, lambda path: path.write_text("{")])
+def test_only_what_an_earlier_run_wrote_is_removed(finished, harm):
+    root, _ = finished
+    folder = local(root)
+    strangers = ["mine.parquet", "old/part-00001.parquet", "meshes/manifest.json", "notes/README.md"]
+    for name in strangers:
+        (folder / name).parent.mkdir(exist_ok=True)
+        (folder / name).write_bytes(b"mine")
+    if harm is not None:
+        harm(folder / "manifest.json")
+    writer = StageWriter(root, "toy", LAYOUT)
+    with writer.locked():
+        record = writer.finished("part-00000.parquet", inputs_of("a", "b"))
+        writer.finish([record], {"README.md": b"# Card\n"})
+    assert not [name for name in Disk(root).names() if "part-00001" in name and name not in strangers]
+    assert [(folder / name).read_bytes() for name in strangers] == [b"mine"] * 4
+    assert sorted(verify(root)) == sorted(f"{root}/{name}: not listed in manifest.json" for name in strangers)
+
+
+def test_a_file_that_is_no_longer_beside_the_shards_is_removed(finished):
+    root, manifest = finished
+    writer = StageWriter(root, "toy", LAYOUT)
+    with writer.locked():
+        writer.finish(manifest.shards, {"CARD.md": b"# Card\n"})
+    assert verify(root) == []
+    assert not (local(root) / "README.md").exists()
+
+
+def test_a_shard_never_lies_there_without_its_record(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    writer, write = StageWriter(str(tmp_path), "toy", LAYOUT), Disk.write
+    unrecorded = []
+
+    def watched(disk: Disk, name: str, data: bytes) -> None:
+        write(disk, name, data)
+        there = disk.names()
+        unrecorded.extend(n for n in there if n.endswith(".parquet") and f".shards/{n}.json" not in there)
+
+    monkeypatch.setattr(Disk, "write", watched)
+    with writer.locked():
+        writer.write("part-00000.parquet", inputs_of("a"), shard_of("a"))
+        writer.make_room("part-00000.parquet", inputs_of("b"))
+        writer.write("part-00000.parquet", inputs_of("b"), shard_of("b"))
+        assert writer.finished("part-00001.parquet", inputs_of("a")) is not None
+    assert unrecorded == []
 
 
 def test_stage_folders_are_found_below_a_data_folder(finished, tmp_path: Path):
