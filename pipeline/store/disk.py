@@ -9,6 +9,7 @@ from __future__ import annotations
 import errno
 import hashlib
 import os
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -20,7 +21,7 @@ import pyarrow.fs
 
 from pipeline.errors import StoreError
 
-TEMPORARY_MARK = ".tmp-"
+TEMPORARY_PATTERN = re.compile(r".*\.tmp-[0-9]+")
 _CHUNK_BYTES = 1 << 22
 
 
@@ -128,7 +129,7 @@ def _write_and_rename(path: str, data: bytes | pa.Buffer) -> None:
     folder = os.path.dirname(path)
     os.makedirs(folder, exist_ok=True)
     # The process id keeps a worker that outlives its run apart from the run that follows.
-    temporary = f"{path}{TEMPORARY_MARK}{os.getpid()}"
+    temporary = f"{path}.tmp-{os.getpid()}"
     try:
         with open(temporary, "wb") as sink:
             sink.write(data)

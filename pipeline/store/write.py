@@ -12,7 +12,7 @@ from importlib import metadata
 
 from pipeline.errors import StoreError
 from pipeline.store.digest import content_digest, item_digests
-from pipeline.store.disk import TEMPORARY_MARK, Disk
+from pipeline.store.disk import TEMPORARY_PATTERN, Disk
 from pipeline.store.parquet import Layout, parquet_bytes
 from pipeline.store.read import read_manifest, read_record
 from pipeline.store.records import (
@@ -101,7 +101,7 @@ class StageWriter:
 
     def _remove_temporaries(self) -> None:
         for name in self.disk.names():
-            if TEMPORARY_MARK in name:
+            if TEMPORARY_PATTERN.fullmatch(name):
                 self.disk.remove(name)
 
     def _index(self) -> None:

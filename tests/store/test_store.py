@@ -167,10 +167,17 @@ def test_a_damaged_manifest_is_a_fault_like_others(finished, content: str):
 def test_only_what_an_earlier_run_wrote_is_removed(finished, harm):
     root, _ = finished
     folder = local(root)
-    strangers = ["mine.parquet", "old/part-00001.parquet", "meshes/manifest.json", "notes/README.md"]
+    strangers = [
+        "mine.parquet",
+        "mine.tmp-old.txt",
+        "old/part-00001.parquet",
+        "meshes/manifest.json",
+        "notes/README.md",
+    ]
     for name in strangers:
         (folder / name).parent.mkdir(exist_ok=True)
         (folder / name).write_bytes(b"mine")
+    (folder / "part-00007.parquet.tmp-123").write_bytes(b"half")
     if harm is not None:
         harm(folder / "manifest.json")
     writer = StageWriter(root, "toy", LAYOUT)
@@ -178,7 +185,7 @@ def test_only_what_an_earlier_run_wrote_is_removed(finished, harm):
         record = writer.finished("part-00000.parquet", inputs_of("a", "b"))
         writer.finish([record], {"README.md": b"# Card\n"})
     assert not [name for name in Disk(root).names() if "part-00001" in name and name not in strangers]
-    assert [(folder / name).read_bytes() for name in strangers] == [b"mine"] * 4
+    assert [(folder / name).read_bytes() for name in strangers] == [b"mine"] * len(strangers)
     assert sorted(verify(root)) == sorted(f"{root}/{name}: not listed in manifest.json" for name in strangers)
 
 
