@@ -227,8 +227,9 @@ def test_a_sweep_sees_the_other_robot_and_has_noise(monkeypatch: pytest.MonkeyPa
     T_w_l = np.tile([2.0 + lidar.x_m, 2.0, 0.0], (lidar.beams, 1))
     true_m = cast_rays(around.lidar_scene, T_w_l, beam_bearings(lidar), max_range_m=lidar.range_max_m)
     assert true_m[0] > 2.9
-    off_m = (ranges_m - true_m)[20:340]
-    assert 0.012 < off_m[np.isfinite(off_m)].std() < 0.03
+    heard = np.isfinite(ranges_m) & np.isfinite(true_m)
+    heard[:20] = heard[-20:] = False
+    assert 0.012 < (ranges_m - true_m)[heard].std() < 0.03
 
 
 def test_planar_drive_meets_and_maps_as_well(surroundings: Surroundings, starts: tuple[SE2, SE2]) -> None:

@@ -51,18 +51,14 @@ def test_more_episodes_leave_the_first_ones_as_they_were(make_run: MakeRun) -> N
 
 def test_when_no_episode_can_be_run_it_says_why(make_run: MakeRun) -> None:
     run = prepared(make_run, "explore.start_distance_m=1000.0")
-    with pytest.raises(
-        FloorplanError, match=r"2 episodes left out, .* 1000\.0 m apart .*no episode"
-    ):
+    with pytest.raises(FloorplanError, match=r"2 episodes left out, .* 1000\.0 m apart .*no episode"):
         explore(run)
     assert run.read("explore").manifest().counts()["episodes_left_out"] == 2
 
 
 def test_clearances_smaller_than_the_robot_are_refused(make_run: MakeRun) -> None:
     run = prepared(make_run, "explore.episode.explorer.hard_clearance_m=0.1")
-    with pytest.raises(
-        ConfigError, match=r"hard_clearance_m is 0\.1; must be at least the radius of robot"
-    ):
+    with pytest.raises(ConfigError, match=r"hard_clearance_m is 0\.1; must be at least the radius of robot"):
         explore(run)
 
 
