@@ -20,6 +20,7 @@ from pipeline.exploration.surroundings import furnished, in_the_way
 from pipeline.floorplan.furnish import furnish
 from pipeline.floorplan.records import Floorplan, Solid
 from pipeline.floorplan.validate import start_regions
+from pipeline.geometry.se2 import Array
 from pipeline.plan_schema import PLAN_COLUMNS, plan_of, solid_rows, solids_of
 from pipeline.robot_file import load_robot
 from pipeline.schema import EXPLORE
@@ -158,7 +159,7 @@ def _run(
     return scene, episode
 
 
-def _outline(segments_m: Any, circles_m: Any) -> Any:
+def _outline(segments_m: Array, circles_m: Array) -> Array:
     """(E, 4) [m]: all that the lidar sees as segments, a cylinder as an octagon."""
     turns = np.linspace(0.0, 2.0 * np.pi, 9)
     ring = np.stack([np.cos(turns), np.sin(turns)], axis=1)

@@ -22,7 +22,7 @@ def plan_of(log_odds: NDArray[np.float32], T_m_g: SE2 | None = None) -> Planning
 
 
 def room(height: int = 80, width: int = 120) -> NDArray[np.float32]:
-    """(H, W) log-odds of a walled room of 0.05 m cells; the right third beyond a door gap is dark."""
+    """(H, W) log-odds of an empty walled room of 0.05 m cells."""
     cells = np.full((height, width), FREE, np.float32)
     cells[[0, 1, -2, -1]] = WALL
     cells[:, [0, 1, -2, -1]] = WALL
