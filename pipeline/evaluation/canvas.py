@@ -15,6 +15,9 @@ Image = NDArray[np.uint8]
 
 Colour = tuple[int, int, int]
 
+SHEET_WIDTH_PX = 1480
+"""Width of a sheet: more than the width at which it is read, so that it stays sharp on dense displays."""
+
 INK: Colour = (38, 40, 46)
 MUTED: Colour = (118, 122, 130)
 PAPER: Colour = (255, 255, 255)

@@ -16,6 +16,7 @@ from pipeline.evaluation.canvas import (
     MUTED,
     PAPER,
     RED,
+    SHEET_WIDTH_PX,
     UNSEEN,
     Canvas,
     Colour,
@@ -26,9 +27,6 @@ from pipeline.evaluation.canvas import (
 )
 from pipeline.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, grid_from_png
 from pipeline.geometry.se2 import SE2, Array
-
-SHEET_WIDTH_PX = 1480
-"""More than the width at which it is read, so that it stays sharp on dense displays."""
 
 _MARGIN_PX, _GAP_PX = 28, 20
 _PANEL_SHARES = (0.3, 0.3, 0.4)

@@ -3,9 +3,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pipeline.evaluation.canvas import BLUE, RED, encoded_png
+from pipeline.evaluation.canvas import BLUE, RED, SHEET_WIDTH_PX, encoded_png
 from pipeline.evaluation.charts import histogram
-from pipeline.evaluation.figures import SHEET_WIDTH_PX, contact_sheet
+from pipeline.evaluation.figures import contact_sheet
 from pipeline.evaluation.plan_figures import plan_sheet
 from pipeline.floorplan.records import Floorplan, Room, Shape, Solid
 from pipeline.geometry.se2 import SE2

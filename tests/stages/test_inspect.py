@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from pipeline.errors import StoreError
-from pipeline.evaluation.figures import SHEET_WIDTH_PX
+from pipeline.evaluation.canvas import SHEET_WIDTH_PX
 from pipeline.floorplan.generate import shipped_floorplans
 from pipeline.plan_schema import MESHES, PLAN_COLUMNS, plan_row
 from pipeline.schema import EXPLORE, TableSchema
