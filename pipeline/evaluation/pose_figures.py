@@ -74,6 +74,11 @@ def labelled_image(row: Mapping[str, Any], *, width_px: int) -> Image:
     return canvas.image
 
 
+def visibility_words(row: Mapping[str, Any]) -> str:
+    """How much of the robot is visible, in words."""
+    return "no robot" if row["T_c_o"] is None else f"{row['visibility']:.0%} visible"
+
+
 def draw_label_legend(canvas: Canvas, u_px: float, v_px: float) -> float:
     """Writes what the lines over an image stand for, on one line; returns where it ends."""
     for colour, width_px, name in (
@@ -157,9 +162,10 @@ def _cell(row: Mapping[str, Any], width_px: int) -> Image:
     canvas = Canvas(width_px, image.shape[0] + _CAPTION_PX)
     canvas.image[: image.shape[0]] = image
     baseline_px = image.shape[0] + 24
-    what, where = _caption(row)
-    end_px = canvas.text(what, 0, baseline_px, size_px=18, bold=True)
-    canvas.text(where, end_px + 8, baseline_px, size_px=18)
+    end_px = canvas.text(visibility_words(row), 0, baseline_px, size_px=18, bold=True)
+    if row["T_c_o"] is not None:
+        distance_m = np.linalg.norm(row["T_c_o"][:3, 3])
+        canvas.text(f"at {distance_m:.2f} m", end_px + 8, baseline_px, size_px=18)
     canvas.text(
         row.get("mode") or shortened(row["plan_id"], 12),
         width_px,
@@ -169,11 +175,3 @@ def _cell(row: Mapping[str, Any], width_px: int) -> Image:
         right=True,
     )
     return canvas.image
-
-
-def _caption(row: Mapping[str, Any]) -> tuple[str, str]:
-    """How much is seen of the robot, and how far it is from the camera."""
-    if row["T_c_o"] is None:
-        return "no robot", ""
-    distance_m = float(np.linalg.norm(row["T_c_o"][:3, 3]))
-    return f"{row['visibility']:.0%} visible", f"at {distance_m:.2f} m"
