@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 Choice = TypeVar("Choice", bound=StrEnum)
 CORES = len(os.sched_getaffinity(0))
-STAGES = ("floorplans", "meshes", "explore", "pack")
+STAGES = ("floorplans", "meshes", "explore", "render", "pack")
 
 
 class _OneLineErrors(typer.core.TyperGroup):
@@ -107,7 +107,8 @@ def _run(
 _stage_command("floorplans", "Read and generate floor plans; keep those that robots can explore.")
 _stage_command("meshes", "Raise walls: boxes for physics, GLB and MJCF for everything else.")
 _stage_command("explore", "Drive two robots through each plan until they meet.")
-_stage_command("pack", "Publish the sightings as a dataset, split by floor plan.")
+_stage_command("render", "Take the picture of each sighting, and training images of the robot.")
+_stage_command("pack", "Publish sightings and images as a dataset, split by floor plan.")
 _stage_command("dataset", "All of the above, in order.")
 
 
@@ -143,7 +144,7 @@ def inspect(
     print(f"\n{found.picture}")
 
 
-export_app = typer.Typer(help="Write plans as files for other programs.", no_args_is_help=True)
+export_app = typer.Typer(help="Write plans and images as files for other programs.", no_args_is_help=True)
 app.add_typer(export_app, name="export")
 
 
@@ -171,6 +172,71 @@ def export_floorplans(
     from pipeline.stages.export import export_floorplans as written
 
     print(f"{len(written(count, out))} floor plans in {out}")
+
+
+Dataset = Annotated[str, typer.Argument(help="The dataset that `pack` wrote.")]
+TableName = Annotated[
+    str, typer.Option("--table", help="poses: training images; pairs: what robots saw when they met.")
+]
+SplitName = Annotated[str, typer.Option("--split", help="train, validation, test or all.")]
+ImagesOut = Annotated[Path, typer.Option("--out", help="Folder to write to.")]
+ImageCount = Annotated[
+    int | None, typer.Option("--count", min=1, help="At most so many images of each split; all by default.")
+]
+
+
+@export_app.command("dope")
+def export_dope(
+    out: ImagesOut,
+    folder: Dataset = "data/dataset",
+    table: TableName = "poses",
+    split: SplitName = "train",
+    count: ImageCount = None,
+) -> None:
+    """Write images and labels as DOPE reads them: X.png, X.json. Print lines for its configuration."""
+    from rich.console import Console
+
+    from pipeline.stages.dataset_images import Split, Table
+    from pipeline.stages.export_dope import export_dope as exported
+
+    made = exported(
+        folder,
+        out,
+        table=_choice(Table, "--table", table),
+        split=_choice(Split, "--split", split),
+        count=count or sys.maxsize,
+        console=Console(stderr=True),
+    )
+    print(made.summary())
+
+
+@export_app.command("bop")
+def export_bop(
+    out: ImagesOut,
+    folder: Dataset = "data/dataset",
+    table: TableName = "poses",
+    split: SplitName = "train",
+    count: ImageCount = None,
+    robot: Annotated[
+        str | None, typer.Option("--robot", help="A shipped robot or a robot file; the dataset's by default.")
+    ] = None,
+) -> None:
+    """Write images, labels and the robot's model in the BOP format."""
+    from rich.console import Console
+
+    from pipeline.stages.dataset_images import Split, Table
+    from pipeline.stages.export_bop import export_bop as exported
+
+    made = exported(
+        folder,
+        out,
+        table=_choice(Table, "--table", table),
+        split=_choice(Split, "--split", split),
+        robot=robot,
+        count=count or sys.maxsize,
+        console=Console(stderr=True),
+    )
+    print(made.summary())
 
 
 def _choice(kind: type[Choice], option: str, value: str) -> Choice:

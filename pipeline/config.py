@@ -14,6 +14,7 @@ from pipeline.errors import ConfigError
 from pipeline.exploration.records import EpisodeParameters
 from pipeline.floorplan.generate import GeneratorParameters
 from pipeline.floorplan.validate import FloorplanLimits
+from pipeline.rendering.draws import PoseDraws
 from pipeline.store.records import dotted
 from pipeline.strict_section import Section, validated_section
 from pipeline.strict_yaml import load_file, load_value
@@ -118,6 +119,33 @@ class ExploreSection(StageSection):
     episode: EpisodeParameters
 
 
+class RenderSection(StageSection):
+    """What is rendered, and how training images are drawn; the robots are those of `explore`.
+
+    Attributes:
+        plans_per_shard: at most as many as a shard of `explore` (of `meshes` for training images) has.
+        views: whether to take the picture of each sighting.
+        poses_per_plan: training images in each plan.
+        poses_per_furnishing: of them, how many in a row see the rooms furnished alike.
+        furniture_density: of training images: 0 none, 1 moderate, 2 crowded.
+        texture_variants: textures of each kind (wood, cloth, ...) to choose from.
+        jpeg_quality: of the images; null for PNG, lossless and four times the size.
+        backgrounds: a folder of one's own photos to stand behind `free` images; null for painted rooms.
+        draws: shares and ranges of what is drawn at random.
+    """
+
+    upstream = ("meshes", "explore")
+    plans_per_shard: PositiveInt
+    views: bool
+    poses_per_plan: Annotated[int, Field(ge=0)]
+    poses_per_furnishing: PositiveInt
+    furniture_density: Annotated[float, Field(ge=0, le=3)]
+    texture_variants: Annotated[int, Field(ge=1, le=16)]
+    jpeg_quality: Annotated[int, Field(ge=1, le=100)] | None
+    backgrounds: str | None
+    draws: PoseDraws
+
+
 class PackSection(StageSection):
     """How sightings become the published dataset.
 
@@ -126,7 +154,7 @@ class PackSection(StageSection):
         validation_fraction, test_fraction: shares of all floor plans; the rest is for training.
     """
 
-    upstream = ("explore",)
+    upstream = ("explore", "render")
     rows_per_file: PositiveInt
     validation_fraction: SplitFraction
     test_fraction: SplitFraction
@@ -139,6 +167,7 @@ class Parameters(Section):
     floorplans: FloorplansSection
     meshes: MeshesSection
     explore: ExploreSection
+    render: RenderSection
     pack: PackSection
 
 
@@ -163,7 +192,7 @@ class Config:
     Attributes:
         seed: the root of every random stream.
         stages: what each stage reads and writes, in flow order.
-        floorplans, meshes, explore, pack: the stages' parameters.
+        floorplans, meshes, explore, render, pack: the stages' parameters.
     """
 
     seed: int
@@ -171,6 +200,7 @@ class Config:
     floorplans: FloorplansSection
     meshes: MeshesSection
     explore: ExploreSection
+    render: RenderSection
     pack: PackSection
 
 

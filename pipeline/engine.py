@@ -68,6 +68,7 @@ class Run:
         *,
         layout: Layout,
         total: int | None = None,
+        prepare: Callable[[], None] = lambda: None,
         files: Callable[[Sequence[ShardRecord]], Mapping[str, bytes]] = lambda records: {},
     ) -> Manifest:
         """Make a stage's output from its shards.
@@ -77,6 +78,7 @@ class Run:
             tasks: its shards, in order; pulled only as workers become free.
             layout: how its tables lie in Parquet.
             total: how many shards there are, None if that is not known beforehand.
+            prepare: called once, before the first shard that has to be made.
             files: makes the files beside the shards, such as a card, from all records in order.
 
         Raises:
@@ -86,7 +88,7 @@ class Run:
         with writer.locked(), meter(stage, total=total, console=self.console) as report:
             started_s = time.monotonic()
             work = _Work(writer, report)
-            results = run_calls(work.calls(tasks), engine=self.engine, workers=self.workers)
+            results = run_calls(work.calls(tasks, prepare), engine=self.engine, workers=self.workers)
             with contextlib.closing(results):
                 for record in results:
                     work.made(record)
@@ -106,8 +108,9 @@ class _Work:
         self._kept = 0
         self._reasons: dict[str, int] = {}
 
-    def calls(self, tasks: Iterable[Task]) -> Iterator[Call[ShardRecord]]:
+    def calls(self, tasks: Iterable[Task], prepare: Callable[[], None]) -> Iterator[Call[ShardRecord]]:
         """Calls that make the shards which are not finished."""
+        prepared = False
         for task in tasks:
             record = self._writer.finished(task.name, task.inputs)
             self._records[task.name] = record
@@ -115,6 +118,9 @@ class _Work:
                 self._kept += 1
                 self._report.advance(record.rows, made=False)
                 continue
+            if not prepared:
+                prepare()
+                prepared = True
             self._tell(task.name, self._writer.reason_to_make(task.name, task.inputs))
             self._writer.make_room(task.name, task.inputs)
             yield partial(_make_and_write, self._writer.for_worker(), task)

@@ -1,15 +1,16 @@
 """The tables of the dataset: column names, Arrow types, units, meaning. Nothing else knows them.
 
-`explore` writes rows of `EXPLORE`; `pack` publishes them as `PAIRS`, one row per sighting. Frames: w the
-floor plan, m0 and m1 the robots' maps (each one's true start pose), r0 and r1 the robots on the floor
-between their wheels, c the observer's camera (OpenCV axes), o the centre of the seen robot's cuboid.
+`explore` writes rows of `EXPLORE`, `render` takes their pictures, rows of `VIEWS`, and training images, rows
+of `POSES`; `pack` publishes sightings with their pictures as `PAIRS`, and `POSES`. Frames: w the floor plan,
+m0 and m1 the robots' maps (each one's true start pose), r0 and r1 the robots on the floor between their
+wheels, c the observer's camera (OpenCV axes), o the centre of the seen robot's cuboid.
 """
 
 from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,7 @@ import pyarrow as pa
 from pipeline.geometry.cuboid import CUBOID_CORNER_SIGNS as CUBOID_CORNER_SIGNS
 from pipeline.geometry.se2 import SE2, Array
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 """Raised whenever a column changes its name, type, unit or meaning."""
 
 SE2_TYPE = pa.list_(pa.float64(), 3)
@@ -26,6 +27,7 @@ SE3_TYPE = pa.list_(pa.float64(), 16)
 K_TYPE = pa.list_(pa.float64(), 9)
 BOX_TYPE = pa.list_(pa.float64(), 4)
 CUBOID_TYPE = pa.list_(pa.list_(pa.float64(), 2), 9)
+SIZE_TYPE = pa.struct([(n, pa.float64()) for n in ("x_m", "y_m", "z_m")])
 IMAGE_TYPE = pa.struct([("bytes", pa.binary()), ("path", pa.string())])
 TRAJECTORY_TYPE = pa.list_(pa.struct([(n, pa.float64()) for n in ("t_s", "x_m", "y_m", "yaw_rad")]))
 SOLIDS_TYPE = pa.list_(
@@ -81,7 +83,7 @@ class TableSchema:
         Args:
             rows: one mapping per row, column name to value. An SE(2) pose is an `SE2` or (3,) array, an
                 SE(3) pose (4, 4), `K` (3, 3), a trajectory an (N, 4) array of t, x, y, yaw, an image its
-                encoded bytes, solids a list of mappings. Nullable columns may be left out.
+                encoded bytes, a size (3,), solids a list of mappings. Nullable columns may be left out.
 
         Raises:
             ValueError: a column is missing or unknown, or a value has the wrong type or shape or is not
@@ -113,7 +115,12 @@ def _checked(value: Any, column: Column, row: int) -> Any:
             raise ValueError(f"{where}: missing; the column must have a value")
         return None
     if column.type in _SHAPES:
-        return _floats(value, _SHAPES[column.type], where).reshape(_stored_shape(column.type)).tolist()
+        # A point of the cuboid that is behind the camera has no place in the image: NaN.
+        finite = column.type != CUBOID_TYPE
+        array = _floats(value, _SHAPES[column.type], where, finite=finite)
+        return array.reshape(_stored_shape(column.type)).tolist()
+    if column.type == SIZE_TYPE:
+        return dict(zip(("x_m", "y_m", "z_m"), _floats(value, (3,), where).tolist(), strict=True))
     if column.type == TRAJECTORY_TYPE:
         poses = _floats(value, (len(value), 4), where)
         return [dict(zip(("t_s", "x_m", "y_m", "yaw_rad"), p, strict=True)) for p in poses.tolist()]
@@ -126,11 +133,11 @@ def _checked(value: Any, column: Column, row: int) -> Any:
     return value
 
 
-def _floats(value: Any, shape: tuple[int, ...], where: str) -> Array:
+def _floats(value: Any, shape: tuple[int, ...], where: str, *, finite: bool = True) -> Array:
     array = np.asarray(value.as_array() if isinstance(value, SE2) else value, dtype=np.float64)
     if array.shape != shape:
         raise ValueError(f"{where}: shape {array.shape}; must be {shape}")
-    if not np.isfinite(array).all():
+    if finite and not np.isfinite(array).all():
         raise ValueError(f"{where}: {array.tolist()} is not finite")
     return array
 
@@ -148,6 +155,8 @@ def _natural(value: Any, column: Column) -> Any:
         return np.array(value).reshape(_SHAPES[column.type])
     if column.type == TRAJECTORY_TYPE:
         return np.array([list(p.values()) for p in value]).reshape(-1, 4)
+    if column.type == SIZE_TYPE:
+        return np.array(list(value.values()))
     if column.type == IMAGE_TYPE:
         return value["bytes"]
     return value
@@ -207,28 +216,76 @@ _QUALITY = (
     *_each_robot("ghost_cells_{i}", pa.int32(), "", "Of those, the cells that the other robot left: near its true path, far from every true wall and piece of furniture."),
 )  # fmt: skip
 
+_CAMERA = (
+    Column(name="image_width_px", type=pa.int32(), unit="px", about="Width of the camera's image."),
+    Column(name="image_height_px", type=pa.int32(), unit="px", about="Height of the camera's image."),
+    Column(name="K", type=K_TYPE, unit="px", about="Camera matrix, row-major; pixel (0, 0) is the centre of the first pixel."),
+)  # fmt: skip
+
+_SEEN_ROBOT = (
+    Column(name="robot", type=pa.string(), about="What kind of robot is seen: the name in its file."),
+    Column(name="cuboid_size_m", type=SIZE_TYPE, unit="m", about="Sides of that robot's cuboid along the axes of o."),
+    Column(name="T_r1_o", type=SE3_TYPE, unit="m", about="Pose of the cuboid on robot 1, row-major 4×4."),
+)  # fmt: skip
+
 _SIGHTING = (
     Column(name="range_m", type=pa.float64(), unit="m", about="Distance from the camera to the centre of robot 1's cuboid."),
     Column(name="bearing_rad", type=pa.float64(), unit="rad", about="Direction of that centre from robot 0's heading, seen from r0, left positive."),
     Column(name="visible_fraction", type=pa.float64(), about="Share of robot 1's cuboid sample points that project into the image with nothing in front."),
-    Column(name="image", type=IMAGE_TYPE, nullable=True, about="What robot 0's colour camera sees; null until rendered."),
-    Column(name="image_width_px", type=pa.int32(), unit="px", about="Width of the camera's image."),
-    Column(name="image_height_px", type=pa.int32(), unit="px", about="Height of the camera's image."),
-    Column(name="K", type=K_TYPE, unit="px", about="Camera matrix, row-major; pixel (0, 0) is the centre of the first pixel."),
+    *_CAMERA,
     Column(name="T_r0_c", type=SE3_TYPE, unit="m", about="Pose of the camera on robot 0, row-major 4×4."),
-    Column(name="T_r1_o", type=SE3_TYPE, unit="m", about="Pose of the cuboid on robot 1, row-major 4×4."),
-    Column(name="T_c_o", type=SE3_TYPE, unit="m", nullable=True, about="Pose of robot 1's cuboid in the camera: `T_r0_r1 = T_r0_c · T_c_o · T_r1_o⁻¹`; null until rendered."),
-    Column(name="projected_cuboid_px", type=CUBOID_TYPE, unit="px", nullable=True, about="The cuboid's corners in the image in DOPE's order, centroid last; null until rendered."),
-    Column(name="visibility", type=pa.float64(), nullable=True, about="Visible pixels of robot 1 / pixels of its whole silhouette, what lies outside the image counting as hidden; null until rendered."),
-    Column(name="box_px", type=BOX_TYPE, unit="px", nullable=True, about="Box x0, y0, x1, y1 around the visible pixels of robot 1; null until rendered."),
+    *_SEEN_ROBOT,
 )  # fmt: skip
 
-PAIRS = TableSchema(name="pairs", columns=(*_IDENTITY, *_MAPS, *_POSES, *_QUALITY, *_SIGHTING))
-"""The published table: one row per sighting, robot 0 is the one that sees."""
+_DRAWN = Column(
+    name="drawn",
+    type=pa.string(),
+    about="All that was drawn at random for the image, as JSON: light, materials, things about, the camera's settings and flaws, and the renderer.",
+)
+
+_LABEL = (
+    Column(name="T_c_o", type=SE3_TYPE, unit="m", nullable=True, about="Pose of the seen robot's cuboid in the camera, row-major 4×4: `T_r0_r1 = T_r0_c · T_c_o · T_r1_o⁻¹`; null where the robot is absent."),
+    Column(name="projected_cuboid_px", type=CUBOID_TYPE, unit="px", nullable=True, about="The cuboid's corners in the image in DOPE's order, centroid last; NaN for one behind the camera; null where the robot is absent."),
+    Column(name="visibility", type=pa.float64(), about="Visible pixels of the robot / pixels of its whole silhouette, what lies outside the image counting as hidden; 0 where it is absent."),
+    Column(name="visible_px", type=pa.int32(), unit="px", about="Number of visible pixels of the robot."),
+    Column(name="silhouette_px", type=pa.int32(), unit="px", about="Number of pixels that it would cover with nothing in front, also outside the image."),
+    Column(name="box_px", type=BOX_TYPE, unit="px", nullable=True, about="Box x0, y0, x1, y1 around the visible pixels; null where there are none."),
+    _DRAWN,
+)  # fmt: skip
+
+_IMAGE = Column(name="image", type=IMAGE_TYPE, about="What the camera sees: JPEG, or PNG if set so.")
+
+_VIEW = (_IMAGE, *_LABEL)
+
+VIEWS = TableSchema(
+    name="views", columns=(*(c for c in _IDENTITY if c.name in ("pair_id", "plan_id")), *_VIEW)
+)
+"""What `render` adds to a sighting, by its `pair_id`."""
+
+POSES = TableSchema(
+    name="poses",
+    columns=(
+        Column(name="pose_id", type=pa.string(), about="Unique name of this row: the plan and a number."),
+        *(c for c in _IDENTITY if c.name in ("plan_id", "plan_digest", "seed")),
+        Column(name="mode", type=pa.string(), about="`plausible`: on the floor of a furnished room, seen by another robot's camera; `free`: anywhere before any background."),
+        _IMAGE,
+        *_CAMERA,
+        Column(name="T_r0_c", type=SE3_TYPE, unit="m", nullable=True, about="Pose of the camera on robot 0 as its file has it, row-major 4×4; null in `free` images, which no robot takes."),
+        Column(name="T_r0_c_true", type=SE3_TYPE, unit="m", nullable=True, about="The same as it was when the image was taken: a robot stands a little askew."),
+        *_SEEN_ROBOT,
+        *_LABEL,
+    ),
+)  # fmt: skip
+"""Training images for the pose estimator, one row each."""
+
+SIGHTINGS = (*_IDENTITY, *_MAPS, *_POSES, *_QUALITY, *_SIGHTING)
+
+PAIRS = TableSchema(name="pairs", columns=(*SIGHTINGS, *(replace(c, nullable=True) for c in _VIEW)))
+"""One published row per sighting, robot 0 is the one that sees; what `render` adds is null without it."""
 
 _FURNITURE = Column(
     name="furniture", type=SOLIDS_TYPE, unit="m, rad", about="The episode's furniture in w, for the renderer."
 )
 
-EXPLORE = TableSchema(name="explore", columns=(*PAIRS.columns, _FURNITURE))
-"""What `explore` writes: `PAIRS` and what the stages after it need."""
+EXPLORE = TableSchema(name="explore", columns=(*SIGHTINGS, _FURNITURE))
+"""What `explore` writes: sightings, and what the stages after it need."""

@@ -33,12 +33,17 @@ def make_run(tmp_path: Path) -> MakeRun:
     """Makes a run of the smoke preset that works in this process; its `console.file` holds what it says."""
 
     def make(overrides: Sequence[str] = (), *, data: str | None = None, seed: int | None = None) -> Run:
-        return Run(
-            config=load_config(ROOT / "stages.yaml", preset="smoke", overrides=overrides, seed=seed),
-            data=data or str(tmp_path / "data"),
-            workers=1,
-            engine=Engine.INLINE,
-            console=Console(file=StringIO(), width=200),
-        )
+        return run_in(data or str(tmp_path / "data"), overrides, seed=seed)
 
     return make
+
+
+def run_in(data: str, overrides: Sequence[str] = (), *, seed: int | None = None) -> Run:
+    """A run of the smoke preset in a folder, in this process."""
+    return Run(
+        config=load_config(ROOT / "stages.yaml", preset="smoke", overrides=overrides, seed=seed),
+        data=data,
+        workers=1,
+        engine=Engine.INLINE,
+        console=Console(file=StringIO(), width=200),
+    )

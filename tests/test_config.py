@@ -44,8 +44,14 @@ def test_every_preset_loads(preset: str):
 
 def test_the_stages_are_in_flow_order_and_read_what_was_written_above():
     stages = load_config(STAGES_YAML).stages
-    assert list(stages) == ["floorplans", "meshes", "explore", "pack"]
-    assert [stage.reads for stage in stages.values()] == [(), ("floorplans",), ("meshes",), ("explore",)]
+    assert list(stages) == ["floorplans", "meshes", "explore", "render", "pack"]
+    assert [stage.reads for stage in stages.values()] == [
+        (),
+        ("floorplans",),
+        ("meshes",),
+        ("meshes", "explore"),
+        ("explore", "render"),
+    ]
 
 
 def test_a_preset_overrides_the_parameters_and_set_overrides_both():
@@ -137,7 +143,7 @@ def test_a_fault_names_the_layer_that_it_is_in(edited):
 
 def test_unknown_keys_around_the_parameters_are_faults_too(edited):
     assert "the nearest known key is 'reads'" in message_of(
-        path=edited("reads: [explore]", "read: [explore]")
+        path=edited("reads: [floorplans]", "read: [floorplans]")
     )
     assert "the nearest known key is 'presets'" in message_of(path=edited("presets:", "preset:"))
 

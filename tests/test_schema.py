@@ -7,7 +7,7 @@ import pyarrow as pa
 import pytest
 
 from pipeline.geometry.se2 import SE2
-from pipeline.schema import CUBOID_CORNER_SIGNS, EXPLORE, IMAGE_TYPE, PAIRS, Column, TableSchema
+from pipeline.schema import CUBOID_CORNER_SIGNS, EXPLORE, IMAGE_TYPE, PAIRS, VIEWS, Column, TableSchema
 from tests.synthetic import synthetic_row
 
 
@@ -37,8 +37,10 @@ def test_nested_label_columns_survive_the_table_and_back(row):
         "image": b"jpeg",
         "T_c_o": np.eye(4),
     }
-    (again,) = EXPLORE.rows(EXPLORE.table([row | labels]))
-    assert np.array_equal(again["projected_cuboid_px"], cuboid_px)
+    cuboid_px[3] = np.nan
+    sighting = {name: value for name, value in row.items() if name != "furniture"}
+    (again,) = PAIRS.rows(PAIRS.table([sighting | labels]))
+    assert np.array_equal(again["projected_cuboid_px"], cuboid_px, equal_nan=True)
     assert again["image"] == b"jpeg"
     assert np.array_equal(again["T_c_o"], np.eye(4))
 
@@ -82,8 +84,11 @@ def test_column_names_are_unique_and_described():
     assert all(c.about.endswith(".") for c in EXPLORE.columns)
 
 
-def test_explore_rows_hold_all_that_is_published():
-    assert EXPLORE.columns[: len(PAIRS.columns)] == PAIRS.columns
+def test_explore_and_render_hold_all_that_is_published():
+    made = {c.name: c.type for c in (*EXPLORE.columns, *VIEWS.columns)}
+    assert {c.name: c.type for c in PAIRS.columns}.items() <= made.items()
+    added = {c.name for c in VIEWS.columns} - {c.name for c in EXPLORE.columns}
+    assert {c.name for c in PAIRS.columns if c.nullable} - {"wall_agreement_local", "wall_agreement"} == added
 
 
 def test_a_column_named_for_a_unit_has_that_unit():

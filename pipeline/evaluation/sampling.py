@@ -9,30 +9,30 @@ import numpy as np
 import pyarrow as pa
 
 from pipeline.geometry.se2 import Array
-from pipeline.schema import EXPLORE
+from pipeline.schema import TableSchema
 from pipeline.store.read import StageReader
 
 SHARD, ROW = "__shard", "__row"
 
 
-def located_columns(reader: StageReader, columns: Sequence[str]) -> pa.Table:
-    """Some columns of all shards, and where each row lies: its shard and its row there."""
+def located_columns(reader: StageReader, columns: Sequence[str], *, under: str = "") -> pa.Table:
+    """Some columns of all shards, or of those `under` a folder, and where each row lies: its shard and row."""
     tables = []
-    for shard in reader.shards():
+    for shard in reader.shards(under):
         table = reader.table(shard.name, columns=list(columns))
         table = table.append_column(SHARD, pa.array([shard.name] * table.num_rows, pa.string()))
         tables.append(table.append_column(ROW, pa.array(range(table.num_rows), pa.int64())))
     return pa.concat_tables(tables)
 
 
-def rows_at(reader: StageReader, places: pa.Table) -> list[dict[str, Any]]:
-    """Whole rows, as `EXPLORE.rows` gives them, of rows of `located_columns`."""
+def rows_at(reader: StageReader, places: pa.Table, schema: TableSchema) -> list[dict[str, Any]]:
+    """Whole rows, as the schema's `rows` gives them, of rows of `located_columns`."""
     wanted = list(zip(places[SHARD].to_pylist(), places[ROW].to_pylist(), strict=True))
     found: dict[tuple[str, int], dict[str, Any]] = {}
     for shard in sorted({name for name, _ in wanted}):
         table = reader.table(shard)
         indices = [row for name, row in wanted if name == shard]
-        found |= zip([(shard, i) for i in indices], EXPLORE.rows(table.take(indices)), strict=True)
+        found |= zip([(shard, i) for i in indices], schema.rows(table.take(indices)), strict=True)
     return [found[place] for place in wanted]
 
 

@@ -15,12 +15,11 @@ from pipeline.geometry.se2 import Array
 from pipeline.rendering import materials
 from pipeline.rendering.backgrounds import draw_background
 from pipeline.rendering.distractors import draw_thing
+from pipeline.rendering.draws import PoseDraws
 from pipeline.rendering.effects import WHITE_K, draw_effects
-from pipeline.rendering.lighting import SHADOW_SHARE, free_lighting
+from pipeline.rendering.lighting import free_lighting
 from pipeline.rendering.plan_scene import QUAD
 from pipeline.rendering.randomise import (
-    ABSENT_SHARE,
-    OCCLUDED_SHARE,
     Drawn,
     PlacedThing,
     RobotLooks,
@@ -30,7 +29,6 @@ from pipeline.rendering.randomise import (
 )
 from pipeline.rendering.record import JsonValue, plain
 from pipeline.rendering.scene import Image, Instance
-from pipeline.rendering.viewpoints import MAX_RANGE_M, MIN_RANGE_M
 from pipeline.simulation.robot import RobotSpec
 
 T_W_C: Array = camera_pose(np.array([0.0, 0.0, 1.0]), np.zeros(3))
@@ -43,6 +41,7 @@ def draw_free(
     looks: RobotLooks,
     camera: PinholeCamera,
     textures: Mapping[str, Image],
+    draws: PoseDraws,
     *,
     variants: int,
     photos: Sequence[Image] = (),
@@ -54,15 +53,17 @@ def draw_free(
         looks: the robot.
         camera: intrinsics.
         textures: the texture pool.
+        draws: shares and ranges.
         variants: textures of each kind in it.
         photos: (H, W, 3) uint8 to stand behind the scene; procedural rooms if there are none.
     """
-    absent = bool(rng.random() < ABSENT_SHARE)
-    T_w_r1 = draw_pose(rng, looks.spec, camera)
+    absent = bool(rng.random() < draws.absent_share)
+    T_w_r1 = draw_pose(rng, looks.spec, camera, draws)
     centre_w = (T_w_r1 @ looks.spec.cuboid.T_r_o())[:3, 3]
-    things = _things_around(rng, centre_w, looks.spec, camera, variants=variants)
+    occluded = bool(rng.random() < draws.occluded_share)
+    things = _things_around(rng, centre_w, looks.spec, camera, occluded=occluded, variants=variants)
     ground = _draw_ground(rng, T_w_r1, variants=variants)
-    lighting = free_lighting(rng, target_m=centre_w, shadow=bool(rng.random() < SHADOW_SHARE))
+    lighting = free_lighting(rng, target_m=centre_w, shadow=bool(rng.random() < draws.shadow_share))
     worn = looks.worn(rng, extent=1.5)
     # The background was taken in white light.
     effects = draw_effects(rng, light_k=WHITE_K)
@@ -78,16 +79,16 @@ def draw_free(
         "background": background_kind,
     }
     record = own | drawn_record(lighting, _surfaces(ground), worn, things, effects)
-    return Drawn(scene=scene, effects=effects, record=record)
+    return Drawn(scene=scene, effects=effects, T_w_r1=None if absent else T_w_r1, record=record)
 
 
-def draw_pose(rng: np.random.Generator, seen: RobotSpec, camera: PinholeCamera) -> Array:
+def draw_pose(rng: np.random.Generator, seen: RobotSpec, camera: PinholeCamera, draws: PoseDraws) -> Array:
     """(4, 4) `T_w_r1`: distance and pixel uniform, the latter also a little outside the image.
 
     Any heading; the camera looks down on three in four by up to 55 degrees and rolls by about 8, the others
     are turned in any way (uniform on SO(3)).
     """
-    range_m = rng.uniform(MIN_RANGE_M, MAX_RANGE_M)
+    range_m = rng.uniform(draws.min_range_m, draws.max_range_m)
     margin_px = 0.35 * camera.fx_px * seen.size_m[1] / range_m
     u_px = rng.uniform(-margin_px, camera.width_px + margin_px)
     v_px = rng.uniform(-margin_px, camera.height_px + margin_px)
@@ -143,17 +144,23 @@ def _surfaces(ground: tuple[Instance, ...]) -> dict[str, JsonValue]:
 
 
 def _things_around(
-    rng: np.random.Generator, centre_w: Array, seen: RobotSpec, camera: PinholeCamera, *, variants: int
+    rng: np.random.Generator,
+    centre_w: Array,
+    seen: RobotSpec,
+    camera: PinholeCamera,
+    *,
+    occluded: bool,
+    variants: int,
 ) -> tuple[PlacedThing, ...]:
-    """Up to seven anywhere in view, and in a third of images one before the robot, at its side."""
+    """Up to seven anywhere in view; occluded: and one before the robot, at its side."""
     eye_w = T_W_C[:3, 3]
     robot_m = 0.5 * float(np.linalg.norm(seen.cuboid.size_m))
-    count, before = int(rng.integers(MAX_THINGS + 1)), bool(rng.random() < OCCLUDED_SHARE)
+    count = int(rng.integers(MAX_THINGS + 1))
     placed: list[PlacedThing] = []
-    for i in range(count + before):
+    for i in range(count + occluded):
         thing = draw_thing(rng, variants=variants)
         reach_m = math.hypot(thing.radius_m, 0.5 * thing.height_m)
-        if i == 0 and before:
+        if i == 0 and occluded:
             share = rng.uniform(0.45, 0.8)
             # Uniform; so far aside that some of the robot is left to see.
             aside_m = reach_m + rng.uniform(-0.9, 0.5) * share * robot_m

@@ -13,7 +13,6 @@ from pipeline.rendering.scene import Light, LightKind, Rgb
 
 Vec3 = tuple[float, float, float]
 
-SHADOW_SHARE = 0.25
 """Share of images in which a lamp throws shadows."""
 
 

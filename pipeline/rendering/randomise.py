@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
@@ -18,21 +18,18 @@ from pipeline.geometry.camera import PinholeCamera, camera_pose, se3_from_se2
 from pipeline.geometry.se2 import SE2, Array
 from pipeline.rendering import materials
 from pipeline.rendering.distractors import Thing, draw_thing, place_on_floor
+from pipeline.rendering.draws import PoseDraws
 from pipeline.rendering.effects import CameraEffects, draw_effects
-from pipeline.rendering.lighting import SHADOW_SHARE, Lighting, room_lighting
+from pipeline.rendering.lighting import Lighting, room_lighting
 from pipeline.rendering.record import JsonValue, plain
 from pipeline.rendering.robot_model import part_material
 from pipeline.rendering.room_looks import RoomLooks, draw_room_looks, room_instances
 from pipeline.rendering.scene import Image, Instance, Material, MeshPool, Scene
 from pipeline.rendering.viewpoints import FurnishedPlan, Meeting, draw_meeting
-from pipeline.simulation.robot import RobotSpec
+from pipeline.simulation.robot import Cuboid, RobotSpec
 
 ROBOT = "r1"
 """Name of the robot that labels are about."""
-
-ABSENT_SHARE = 0.05
-OCCLUDED_SHARE = 0.35
-"""Shares of images without the robot, and with a thing put before it."""
 
 VIEW_M = 4.5
 """How far away small things are still worth drawing."""
@@ -79,11 +76,28 @@ class PlacedThing:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Drawn:
-    """A scene, what its camera does to the picture, and all that was drawn, as plain JSON."""
+    """A scene to take a picture of.
+
+    Attributes:
+        scene: what there is.
+        effects: what its camera does to the picture.
+        T_w_r1: (4, 4) pose of the robot that labels are about; None if it is not there.
+        T_r0_c: (4, 4) pose of the camera on the robot that carries it, where that was drawn, too.
+        record: all that was drawn, as plain JSON.
+    """
 
     scene: Scene
     effects: CameraEffects
+    T_w_r1: Array | None
     record: Mapping[str, JsonValue]
+    T_r0_c: Array | None = None
+
+    def T_c_o(self, cuboid: Cuboid) -> Array | None:
+        """(4, 4) pose of that robot's cuboid in the camera; None if it is not there."""
+        if self.T_w_r1 is None:
+            return None
+        T_c_o: Array = np.linalg.inv(self.scene.T_w_c) @ self.T_w_r1 @ cuboid.T_r_o()
+        return T_c_o
 
 
 def draw_plausible(
@@ -91,6 +105,7 @@ def draw_plausible(
     place: FurnishedPlan,
     looks: RobotLooks,
     observer: RobotSpec,
+    draws: PoseDraws,
     *,
     variants: int,
 ) -> Drawn:
@@ -101,26 +116,28 @@ def draw_plausible(
         place: a furnished plan.
         looks: the robot that may be seen.
         observer: the robot that carries the camera.
+        draws: shares and ranges.
         variants: textures of each kind in the pool.
 
     Raises:
         FloorplanError: there is no room for two robots.
     """
-    absent = bool(rng.random() < ABSENT_SHARE)
-    meeting = draw_meeting(rng, place, observer, looks.spec, absent=absent)
+    absent = bool(rng.random() < draws.absent_share)
+    meeting = draw_meeting(rng, place, observer, looks.spec, draws, absent=absent)
     room_looks = draw_room_looks(rng, place, variants=variants)
     # Normal: a robot stands within 3 mm and 0.7 degrees of how it was built.
     shift_m, roll_rad, pitch_rad = rng.normal(0.0, [0.003, 0.012, 0.012]).tolist()
     T_r0_c = observer.camera.T_r_c() @ camera_tilt(roll_rad, pitch_rad)
     T_r0_c[2, 3] += shift_m
-    things = _things_on_floor(rng, place, meeting, observer, looks.spec, variants=variants)
+    occluded = meeting.T_w_r1 is not None and bool(rng.random() < draws.occluded_share)
+    things = _things_on_floor(rng, place, meeting, observer, looks.spec, occluded=occluded, variants=variants)
     drawn = room_scene(
-        rng, place, room_looks, looks, observer, T_w_c=se3_from_se2(meeting.T_w_r0) @ T_r0_c,
-        T_w_r1=meeting.T_w_r1, things=things,
+        rng, place, room_looks, looks, observer.camera.intrinsics(), looks.worn(rng, extent=1.0), draws,
+        T_w_c=se3_from_se2(meeting.T_w_r0) @ T_r0_c, T_w_r1=meeting.T_w_r1, things=things,
     )  # fmt: skip
     camera = {"height_shift_m": shift_m, "roll_rad": roll_rad, "pitch_rad": pitch_rad}
     record = {"mode": "plausible", "meeting": plain(meeting), "camera": plain(camera), **drawn.record}
-    return Drawn(scene=drawn.scene, effects=drawn.effects, record=record)
+    return replace(drawn, record=record, T_r0_c=T_r0_c)
 
 
 def camera_tilt(roll_rad: float, pitch_rad: float) -> Array:
@@ -136,33 +153,37 @@ def room_scene(
     place: FurnishedPlan,
     room_looks: RoomLooks,
     looks: RobotLooks,
-    observer: RobotSpec,
+    camera: PinholeCamera,
+    worn: Mapping[str, Material],
+    draws: PoseDraws,
     *,
     T_w_c: Array,
     T_w_r1: SE2 | None,
     things: Sequence[PlacedThing] = (),
 ) -> Drawn:
-    """What a camera in a furnished plan sees; light, the robot's wear and the effects are drawn.
+    """What a camera in a furnished plan sees; light and the camera's effects are drawn.
 
     Args:
         rng: draws them.
         place: where.
         room_looks: what the plan is made of.
         looks: the robot that may be seen.
-        observer: the robot that carries the camera.
+        camera: intrinsics.
+        worn: materials of that robot's parts.
+        draws: share of images with shadows.
         T_w_c: (4, 4) pose of the camera.
         T_w_r1: pose of the robot that may be seen; None if it is not there.
         things: what lies about.
     """
-    places_m, shadow = _lamp_places(rng, place, T_w_c), bool(rng.random() < SHADOW_SHARE)
+    places_m, shadow = _lamp_places(rng, place, T_w_c), bool(rng.random() < draws.shadow_share)
     lighting = room_lighting(rng, places_m=places_m, ceiling_m=place.wall_height_m, shadow=shadow)
-    worn = looks.worn(rng, extent=1.0)
     effects = draw_effects(rng, light_k=lighting.temperature_k())
-    robot = looks.instances(se3_from_se2(T_w_r1), worn) if T_w_r1 else ()
+    pose = None if T_w_r1 is None else se3_from_se2(T_w_r1)
+    robot = () if pose is None else looks.instances(pose, worn)
     instances = (*room_instances(place, room_looks), *thing_instances(things), *robot)
-    scene = lit_scene(observer.camera.intrinsics(), T_w_c, instances, lighting, robot=bool(robot))
+    scene = lit_scene(camera, T_w_c, instances, lighting, robot=bool(robot))
     record = drawn_record(lighting, room_looks, worn, things, effects)
-    return Drawn(scene=scene, effects=effects, record=record)
+    return Drawn(scene=scene, effects=effects, T_w_r1=pose, record=record)
 
 
 def lit_scene(
@@ -231,16 +252,16 @@ def _things_on_floor(
     observer: RobotSpec,
     seen: RobotSpec,
     *,
+    occluded: bool,
     variants: int,
 ) -> tuple[PlacedThing, ...]:
-    """A few in view, Poisson with mean 3; in a third of images one before the robot, to hide a part of it."""
+    """A few in view, Poisson with mean 3; occluded: and one before the robot, to hide a part of it."""
     robots = [(meeting.T_w_r0, observer), (meeting.T_w_r1, seen)]
     taken = [(pose.x_m, pose.y_m, spec.radius_m + 0.01) for pose, spec in robots if pose is not None]
-    before = meeting.T_w_r1 is not None and bool(rng.random() < OCCLUDED_SHARE)
     placed: list[PlacedThing] = []
-    for i in range(int(rng.poisson(3.0)) + before):
+    for i in range(int(rng.poisson(3.0)) + occluded):
         thing = draw_thing(rng, variants=variants)
-        hides = i == 0 and before
+        hides = i == 0 and occluded
         xy_m = _before(rng, meeting, thing, seen) if hides else _in_view(rng, meeting, thing)
         pose = place_on_floor(rng, thing, free=place.floor, xy_m=xy_m, taken=taken)
         if pose is not None:

@@ -13,13 +13,11 @@ from numpy.typing import NDArray
 from pipeline.errors import FloorplanError
 from pipeline.floorplan.records import Floorplan, Shape, Solid
 from pipeline.geometry.se2 import SE2, Array
+from pipeline.rendering.draws import PoseDraws
 from pipeline.simulation.robot import RobotSpec
 
 BATCH = 256
 DRAWS = 60
-MIN_RANGE_M, MAX_RANGE_M = 0.3, 4.0
-"""Distance from the camera to the middle of the robot's cuboid."""
-
 LOW_M = 0.3
 """What begins below this takes up floor; what begins above, like a table top, leaves room beneath."""
 
@@ -85,9 +83,15 @@ class Meeting:
 
 
 def draw_meeting(
-    rng: np.random.Generator, place: FurnishedPlan, observer: RobotSpec, seen: RobotSpec, *, absent: bool
+    rng: np.random.Generator,
+    place: FurnishedPlan,
+    observer: RobotSpec,
+    seen: RobotSpec,
+    draws: PoseDraws,
+    *,
+    absent: bool,
 ) -> Meeting:
-    """Robots at a distance uniform in 0.3 to 4 m, as far as rooms are that large, at any heading.
+    """Robots at a distance uniform in the range drawn from, as far as rooms are that large, at any heading.
 
     The robot seen is anywhere across the image, one time in five at its edge, partly outside; a wall or
     cupboard may hide a part of it but not all.
@@ -96,13 +100,14 @@ def draw_meeting(
         rng: draws the poses.
         place: where.
         observer, seen: robots 0 and 1.
+        draws: what the distance is drawn from.
         absent: draw the observer's pose alone.
 
     Raises:
         FloorplanError: there is no room for two robots.
     """
     for _ in range(DRAWS):
-        range_m, column_px = _range_and_column(rng, observer, seen)
+        range_m, column_px = _range_and_column(rng, observer, seen, draws)
         poses_0 = _anywhere(rng, place, observer)
         if absent and len(poses_0):
             return Meeting(T_w_r0=SE2.from_array(poses_0[0]), T_w_r1=None)
@@ -123,10 +128,12 @@ def draw_meeting(
     )
 
 
-def _range_and_column(rng: np.random.Generator, observer: RobotSpec, seen: RobotSpec) -> tuple[float, float]:
+def _range_and_column(
+    rng: np.random.Generator, observer: RobotSpec, seen: RobotSpec, draws: PoseDraws
+) -> tuple[float, float]:
     """Distance [m] and image column [px] of the middle of the robot seen."""
     camera = observer.camera
-    range_m = float(rng.uniform(MIN_RANGE_M, MAX_RANGE_M))
+    range_m = float(rng.uniform(draws.min_range_m, draws.max_range_m))
     if rng.random() < 0.8:
         return range_m, float(rng.uniform(0.0, camera.width_px))
     half_px = 0.5 * seen.size_m[1] * camera.fx_px / range_m

@@ -88,6 +88,8 @@ def _seen(sighting: Sighting, robot: RobotSpec) -> dict[str, Any]:
         "image_height_px": camera.height_px,
         "K": camera.K(),
         "T_r0_c": robot.camera.T_r_c(),
+        "robot": robot.name,
+        "cuboid_size_m": robot.cuboid.size_m,
         "T_r1_o": robot.cuboid.T_r_o(),
     }
 

@@ -49,12 +49,13 @@ class StageReader:
             raise StoreError(f"{self.root}: no {MANIFEST}, so the stage has not finished{remedy}")
         return manifest
 
-    def shards(self) -> tuple[ShardRecord, ...]:
-        return self.manifest().shards
+    def shards(self, under: str = "") -> tuple[ShardRecord, ...]:
+        """The shards of one table, `pairs/` say, where a stage writes several; all by default."""
+        return tuple(shard for shard in self.manifest().shards if shard.name.startswith(under))
 
-    def items(self) -> Iterator[Item]:
-        """All items, shard by shard."""
-        for shard in self.shards():
+    def items(self, under: str = "") -> Iterator[Item]:
+        """The items of these shards, shard by shard."""
+        for shard in self.shards(under):
             for item_id, digest in shard.items.items():
                 yield Item(item_id=item_id, digest=digest, shard=shard.name)
 

@@ -6,11 +6,11 @@ from functools import cache
 import numpy as np
 import pytest
 
+from pipeline.rendering.draws import PoseDraws
 from pipeline.rendering.free_scenes import T_W_C, draw_free, draw_pose
 from pipeline.rendering.randomise import ROBOT, RobotLooks
 from pipeline.rendering.scene import Material
 from pipeline.rendering.textures import texture_pool
-from pipeline.rendering.viewpoints import MAX_RANGE_M, MIN_RANGE_M
 from pipeline.robot_file import load_robot
 
 BURGER = load_robot("burger")
@@ -18,12 +18,13 @@ CAMERA = BURGER.camera.intrinsics()
 LOOKS = RobotLooks(
     spec=BURGER, parts={"burger/plates": Material(base_colour_rgb=(0.02, 0.02, 0.02), roughness=0.6)}
 )
+DRAWS = PoseDraws()
 POOL = texture_pool(np.random.default_rng(0), variants=1, size_px=64)
 
 
 @cache
 def _drawn(seed):
-    return draw_free(np.random.default_rng(seed), LOOKS, CAMERA, POOL, variants=1)
+    return draw_free(np.random.default_rng(seed), LOOKS, CAMERA, POOL, DRAWS, variants=1)
 
 
 def _centre_c(T_w_r1):
@@ -32,22 +33,22 @@ def _centre_c(T_w_r1):
 
 def test_poses_are_rigid_in_range_and_in_or_near_the_image():
     rng = np.random.default_rng(0)
-    poses = [draw_pose(rng, BURGER, CAMERA) for _ in range(300)]
+    poses = [draw_pose(rng, BURGER, CAMERA, DRAWS) for _ in range(300)]
     centres_c = np.array([_centre_c(pose) for pose in poses])
     ranges_m = np.linalg.norm(centres_c, axis=1)
     uv_px = CAMERA.project(centres_c)
     inside = CAMERA.in_image(uv_px)
-    assert (ranges_m > MIN_RANGE_M - 1e-9).all()
-    assert (ranges_m < MAX_RANGE_M + 1e-9).all()
+    assert (ranges_m > DRAWS.min_range_m - 1e-9).all()
+    assert (ranges_m < DRAWS.max_range_m + 1e-9).all()
     assert all(np.allclose(T[:3, :3] @ T[:3, :3].T, np.eye(3)) for T in poses)
     assert all(np.linalg.det(T) == pytest.approx(1.0) for T in poses)
     assert 0.75 < inside.mean() < 1.0
-    assert np.histogram(ranges_m, bins=4, range=(MIN_RANGE_M, MAX_RANGE_M))[0].min() > 45
+    assert np.histogram(ranges_m, bins=4, range=(DRAWS.min_range_m, DRAWS.max_range_m))[0].min() > 45
 
 
 def test_most_robots_stand_up_in_the_image_and_some_lie_in_any_way():
     rng = np.random.default_rng(1)
-    up_w = np.array([draw_pose(rng, BURGER, CAMERA)[2, 2] for _ in range(400)])
+    up_w = np.array([draw_pose(rng, BURGER, CAMERA, DRAWS)[2, 2] for _ in range(400)])
     assert 0.75 < (up_w > 0.5).mean() < 0.9
     assert (up_w < 0.0).mean() > 0.05
 
@@ -77,7 +78,7 @@ def test_a_ground_lies_under_the_wheels(seed):
 
 
 def test_equal_rngs_give_equal_scenes_and_the_record_is_json():
-    again = draw_free(np.random.default_rng(3), LOOKS, CAMERA, POOL, variants=1)
+    again = draw_free(np.random.default_rng(3), LOOKS, CAMERA, POOL, DRAWS, variants=1)
     assert json.dumps(again.record) == json.dumps(_drawn(3).record)
     assert np.array_equal(again.scene.background, _drawn(3).scene.background)
     assert json.dumps(again.record) != json.dumps(_drawn(4).record)

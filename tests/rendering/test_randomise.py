@@ -12,6 +12,7 @@ from pipeline.errors import FloorplanError
 from pipeline.floorplan.furnish import furnish
 from pipeline.geometry.camera import camera_pose, se3_from_se2
 from pipeline.geometry.se2 import SE2
+from pipeline.rendering.draws import PoseDraws
 from pipeline.rendering.plan_scene import plan_meshes
 from pipeline.rendering.randomise import (
     ROBOT,
@@ -25,12 +26,13 @@ from pipeline.rendering.room_looks import draw_room_looks
 from pipeline.rendering.scene import Material
 from pipeline.rendering.textures import KINDS, texture_key
 from pipeline.rendering.thing_meshes import thing_meshes
-from pipeline.rendering.viewpoints import MAX_RANGE_M, MIN_RANGE_M, draw_meeting, furnished_plan
+from pipeline.rendering.viewpoints import draw_meeting, furnished_plan
 from pipeline.robot_file import load_robot
 from tests.floorplan.plans import generated, plan_of
 
 BURGER = load_robot("burger")
 VARIANTS = 2
+DRAWS = PoseDraws()
 LOOKS = RobotLooks(
     spec=BURGER, parts={"burger/plates": Material(base_colour_rgb=(0.02, 0.02, 0.02), roughness=0.6)}
 )
@@ -47,7 +49,9 @@ def _place(index=0):
 
 @cache
 def _drawn(seed):
-    return draw_plausible(np.random.default_rng(seed), _place(seed % 2), LOOKS, BURGER, variants=VARIANTS)
+    return draw_plausible(
+        np.random.default_rng(seed), _place(seed % 2), LOOKS, BURGER, DRAWS, variants=VARIANTS
+    )
 
 
 def _robot(scene):
@@ -85,7 +89,7 @@ def test_the_robot_is_in_range_and_at_least_at_the_images_edge(seed):
     for part in _robot(scene):
         centre_w = part.T_w @ np.array([*BURGER.cuboid.centre_m, 1.0])
         p_c = np.linalg.inv(scene.T_w_c) @ centre_w
-        assert MIN_RANGE_M - 0.03 <= np.linalg.norm(p_c[:3]) <= MAX_RANGE_M + 0.03
+        assert DRAWS.min_range_m - 0.03 <= np.linalg.norm(p_c[:3]) <= DRAWS.max_range_m + 0.03
         u_px = scene.camera.project(p_c[None, :3])[0, 0]
         # Beyond the edge by no more than half of the robot's width, and what a tilt of the camera adds.
         margin_px = 0.5 * BURGER.size_m[1] * scene.camera.fx_px / p_c[2] + 25.0
@@ -118,7 +122,8 @@ def test_leaves_grow_out_of_their_pots(seed):
 
 def test_equal_rngs_give_equal_scenes_and_others_do_not():
     first, again = (
-        draw_plausible(np.random.default_rng(3), _place(), LOOKS, BURGER, variants=VARIANTS) for _ in "ab"
+        draw_plausible(np.random.default_rng(3), _place(), LOOKS, BURGER, DRAWS, variants=VARIANTS)
+        for _ in "ab"
     )
     assert json.dumps(first.record) == json.dumps(again.record)
     assert all(
@@ -151,7 +156,7 @@ def test_the_record_holds_what_the_scene_shows():
 
 def test_shadows_absence_and_edges_come_in_their_shares():
     records = [
-        draw_plausible(np.random.default_rng([9, i]), _two_rooms(), LOOKS, BURGER, variants=1).record
+        draw_plausible(np.random.default_rng([9, i]), _two_rooms(), LOOKS, BURGER, DRAWS, variants=1).record
         for i in range(300)
     ]
     shadows = np.mean([any(lamp["casts_shadow"] for lamp in r["lighting"]["lamps"]) for r in records])
@@ -169,7 +174,7 @@ def _two_rooms():
 
 def test_distances_and_headings_are_uniform_where_there_is_room():
     rng = np.random.default_rng(0)
-    meetings = [draw_meeting(rng, _two_rooms(), BURGER, BURGER, absent=False) for _ in range(400)]
+    meetings = [draw_meeting(rng, _two_rooms(), BURGER, BURGER, DRAWS, absent=False) for _ in range(400)]
     between = [m.T_w_r0.inverse() @ m.T_w_r1 for m in meetings]
     quarter = np.bincount([int(2.0 * (pose.wrapped().yaw_rad / np.pi + 1.0)) % 4 for pose in between])
     far = np.mean([np.hypot(pose.x_m, pose.y_m) > 2.15 for pose in between])
@@ -181,14 +186,14 @@ def test_distances_and_headings_are_uniform_where_there_is_room():
 def test_a_plan_too_small_for_two_robots_is_refused():
     closet = furnished_plan(plan_of([[0, 0], [0.3, 0], [0.3, 0.3], [0, 0.3]]), (), wall_height_m=2.5)
     with pytest.raises(FloorplanError, match="no place for two robots"):
-        draw_meeting(np.random.default_rng(0), closet, BURGER, BURGER, absent=False)
+        draw_meeting(np.random.default_rng(0), closet, BURGER, BURGER, DRAWS, absent=False)
 
 
 def test_a_wall_between_the_robots_is_never_drawn():
     plan = plan_of([[0, 0], [1.9, 0], [1.9, 3.6], [2.1, 3.6], [2.1, 0], [4, 0], [4, 4], [0, 4]], plan_id="u")
     place, rng = furnished_plan(plan, (), wall_height_m=2.5), np.random.default_rng(0)
     for _ in range(40):
-        meeting = draw_meeting(rng, place, BURGER, BURGER, absent=False)
+        meeting = draw_meeting(rng, place, BURGER, BURGER, DRAWS, absent=False)
         ends_m = np.stack([pose.as_array()[:2] for pose in (meeting.T_w_r0, meeting.T_w_r1)])
         reach = shapely.LineString(ends_m).intersection(plan.free_space().buffer(0.12)).length
         assert reach == pytest.approx(np.linalg.norm(ends_m[1] - ends_m[0]), abs=0.1)
@@ -199,10 +204,12 @@ def test_a_view_with_known_poses_has_the_robot_there():
     room_looks = draw_room_looks(np.random.default_rng(0), place, variants=1)
     T_w_r1 = SE2(3.0, 2.0, 0.7)
     drawn = room_scene(
-        np.random.default_rng(1), place, room_looks, LOOKS, BURGER,
+        np.random.default_rng(1), place, room_looks, LOOKS, BURGER.camera.intrinsics(), LOOKS.parts, DRAWS,
         T_w_c=se3_from_se2(SE2(1.0, 2.0, 0.0)) @ BURGER.camera.T_r_c(), T_w_r1=T_w_r1,
     )  # fmt: skip
     assert all(np.allclose(part.T_w, se3_from_se2(T_w_r1)) for part in _robot(drawn.scene))
+    T_c_r1 = np.linalg.inv(drawn.scene.T_w_c) @ se3_from_se2(T_w_r1)
+    assert np.allclose(drawn.T_c_o(BURGER.cuboid), T_c_r1 @ BURGER.cuboid.T_r_o())
     assert drawn.scene.robot == ROBOT
     assert not [x for x in drawn.scene.instances if x.name.startswith("thing-")]
 

@@ -3,6 +3,7 @@ from __future__ import annotations
 import runpy
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 import trimesh
@@ -31,8 +32,13 @@ def burger() -> dict[str, trimesh.Trimesh]:
 
 
 @pytest.fixture(scope="module")
-def burger_glb():
-    return runpy.run_path(str(BURGER / "build.py"))["burger_glb"]
+def build():
+    return runpy.run_path(str(BURGER / "build.py"))
+
+
+@pytest.fixture(scope="module")
+def burger_glb(build):
+    return build["burger_glb"]
 
 
 def _vertices(parts: dict[str, trimesh.Trimesh]) -> np.ndarray:
@@ -41,6 +47,14 @@ def _vertices(parts: dict[str, trimesh.Trimesh]) -> np.ndarray:
 
 def test_the_committed_model_is_what_the_script_builds(burger_glb):
     assert burger_glb(load_robot("burger")) == (BURGER / "robot.glb").read_bytes()
+
+
+def test_the_committed_mjcf_is_what_the_simulation_drives(build):
+    mjcf = (BURGER / "robot.xml").read_text()
+    assert build["burger_mjcf"](load_robot("burger")) == mjcf
+    model = mujoco.MjModel.from_xml_string(mjcf)
+    assert model.nu == 2
+    assert mujoco.mj_getTotalmass(model) == pytest.approx(load_robot("burger").mass_kg)
 
 
 def test_the_model_is_small_and_detailed(burger):

@@ -1,4 +1,4 @@
-"""Builds `robot.glb`, the looks of a TurtleBot3 Burger with a RealSense D435.
+"""Builds `robot.glb`, the looks of a TurtleBot3 Burger with a RealSense D435, and its `robot.xml`.
 
 python assets/robots/burger/build.py
 
@@ -15,10 +15,12 @@ import numpy as np
 import shapely
 from shapely import affinity
 
+from pipeline.geometry.se2 import SE2
 from pipeline.rendering.robot_model import SolidParts, at, robot_glb
 from pipeline.rendering.scene import Material
 from pipeline.robot_file import load_robot
 from pipeline.simulation.robot import RobotSpec
+from pipeline.simulation.world import scene_mjcf
 
 HERE = Path(__file__).parent
 
@@ -263,5 +265,12 @@ def burger_glb(spec: RobotSpec) -> bytes:
     return robot_glb(robot.parts())
 
 
+def burger_mjcf(spec: RobotSpec) -> str:
+    """The robot as the simulation has it, alone on a floor."""
+    return scene_mjcf([], [spec], [SE2.identity()])
+
+
 if __name__ == "__main__":
-    (HERE / "robot.glb").write_bytes(burger_glb(load_robot(str(HERE / "robot.yaml"))))
+    burger = load_robot(str(HERE / "robot.yaml"))
+    (HERE / "robot.glb").write_bytes(burger_glb(burger))
+    (HERE / "robot.xml").write_text(burger_mjcf(burger))

@@ -1,0 +1,74 @@
+"""A folder of one's own photos, to stand behind rendered scenes."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import overload
+
+import cv2
+import numpy as np
+
+from pipeline.errors import ConfigError
+from pipeline.rendering.scene import Image
+
+SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp")
+
+
+@dataclass(frozen=True, slots=True)
+class PhotoFolder(Sequence[Image]):
+    """The photos of a folder, read when they are asked for: thousands fit.
+
+    Attributes:
+        paths: the files, sorted.
+    """
+
+    paths: tuple[Path, ...]
+
+    def __len__(self) -> int:
+        return len(self.paths)
+
+    @overload
+    def __getitem__(self, index: int) -> Image: ...
+    @overload
+    def __getitem__(self, index: slice) -> PhotoFolder: ...
+    def __getitem__(self, index: int | slice) -> Image | PhotoFolder:
+        """One photo (H, W, 3) uint8, sRGB.
+
+        Raises:
+            ConfigError: the file holds no picture.
+        """
+        if isinstance(index, slice):
+            return PhotoFolder(self.paths[index])
+        path = self.paths[index]
+        bgr = cv2.imdecode(np.frombuffer(path.read_bytes(), np.uint8), cv2.IMREAD_COLOR)
+        if bgr is None:
+            raise ConfigError(f"{path}: no picture that can be read; render.backgrounds takes photos")
+        return np.asarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB))
+
+    def digest(self) -> str:
+        """Hash of all names and contents."""
+        h = hashlib.sha256()
+        for path in self.paths:
+            content = path.read_bytes()
+            h.update(f"{path.name} {len(content)} ".encode() + content)
+        return h.hexdigest()
+
+
+def photo_folder(folder: str | None) -> PhotoFolder:
+    """The photos below a folder; none if no folder is given.
+
+    Raises:
+        ConfigError: there is no such folder, or no photo in it.
+    """
+    if folder is None:
+        return PhotoFolder(())
+    root = Path(folder)
+    if not root.is_dir():
+        raise ConfigError(f"render.backgrounds is {folder!r}; must be a folder of photos, or null")
+    paths = sorted(p for p in root.rglob("*") if p.suffix.lower() in SUFFIXES)
+    if not paths:
+        raise ConfigError(f"render.backgrounds: no photo in {folder} ({', '.join(SUFFIXES)})")
+    return PhotoFolder(tuple(paths))
