@@ -140,9 +140,10 @@ def shortened(name: str, most: int) -> str:
 
 
 def encoded_png(image: Image) -> bytes:
-    """The picture as a PNG."""
-    # Drawings of few flat colours are a quarter smaller unfiltered.
-    options = [cv2.IMWRITE_PNG_COMPRESSION, 9, cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_NONE]
-    ok, data = cv2.imencode(".png", image[..., ::-1], options)
-    assert ok
-    return bytes(data.tobytes())
+    """The picture as a PNG, the smaller of two."""
+    # Drawings of few flat colours are a quarter smaller unfiltered, photographs a third smaller filtered.
+    unfiltered = [cv2.IMWRITE_PNG_COMPRESSION, 9, cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_NONE]
+    filtered = [cv2.IMWRITE_PNG_COMPRESSION, 6, cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_ALL_FILTERS]
+    encoded = [cv2.imencode(".png", image[..., ::-1], options) for options in (unfiltered, filtered)]
+    assert all(ok for ok, _ in encoded)
+    return min((bytes(data.tobytes()) for _, data in encoded), key=len)

@@ -64,10 +64,15 @@ def _header(title: str, subtitle: str, *, pictured: bool) -> Image:
     _legend(canvas, _MARGIN_PX, 88)
     if pictured:
         draw_label_legend(canvas, _MARGIN_PX, 88 + _LEGEND_PX)
-    names = ["Map of robot 0, which sees", "Map of robot 1, which is seen", "Both, aligned where they meet"]
+    names: tuple[str, ...] = (
+        "Map of robot 0, which sees",
+        "Map of robot 1, which is seen",
+        "Both, aligned where they meet",
+    )
     lefts_px = [left_px for left_px, _ in _map_spans(pictured=pictured)]
     if pictured:
-        names, lefts_px = ["What robot 0 sees", *names], [_MARGIN_PX, *lefts_px]
+        names = ("What robot 0 sees", "Map of robot 0", "Map of robot 1", names[-1])
+        lefts_px = [_MARGIN_PX, *lefts_px]
     for name, left_px in zip(names, lefts_px, strict=True):
         canvas.text(name, left_px, canvas.image.shape[0] - 14, size_px=21, bold=True)
     return canvas.image

@@ -7,6 +7,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from pipeline.errors import PipelineError
 from pipeline.evaluation.canvas import MUTED, PAPER, SHEET_WIDTH_PX, Canvas, Colour, Image, shortened
@@ -21,6 +22,8 @@ _COLUMNS = 4
 _MARGIN_PX, _GAP_PX = 28, 16
 _HEADER_PX, _CAPTION_PX = 112, 46
 _DOT_PX, _LINE_PX = 3.0, 1
+_SMALL_SHARE, _INSET_SHARE, _INSET_MARGIN, _LEAST_CROP_PX = 0.25, 0.42, 1.5, 24
+"""A square around the robot, by a margin larger, is magnified if it is less than a share of the image."""
 _BEYOND_PX = 9.0
 """Lines go on so far beyond the image that their ends do not show on it."""
 
@@ -58,6 +61,8 @@ def pose_sheet(rows: Sequence[Mapping[str, Any]], *, title: str, subtitle: str =
 def labelled_image(row: Mapping[str, Any], *, width_px: int) -> Image:
     """A row's image, scaled, with its label drawn over: cuboid, front, centroid, box.
 
+    A robot so small that the lines would hide it is shown magnified in a corner as well.
+
     Raises:
         PipelineError: the image cannot be decoded.
     """
@@ -65,12 +70,12 @@ def labelled_image(row: Mapping[str, Any], *, width_px: int) -> Image:
     scale = width_px / image.shape[1]
     canvas = Canvas(width_px, round(image.shape[0] * scale))
     canvas.image[:] = cv2.resize(image, canvas.image.shape[1::-1], interpolation=cv2.INTER_AREA)
-    if row["box_px"] is not None:
-        (u0, v0), (u1, v1) = _scaled(row["box_px"].reshape(2, 2), scale)
-        ring = np.array([[u0, v0], [u1, v0], [u1, v1], [u0, v1]])
-        canvas.polyline(ring, colour=BOX_COLOUR, closed=True)
-    if row["projected_cuboid_px"] is not None:
-        _draw_cuboid(canvas, _scaled(row["projected_cuboid_px"], scale))
+    square = _square_around_small(row, image.shape)
+    if square is None:
+        _draw_label(canvas, row, scale=scale)
+    else:
+        _draw_edges(canvas, _scaled(row["projected_cuboid_px"], scale))
+        _draw_inset(canvas, image, row, *square)
     return canvas.image
 
 
@@ -104,18 +109,66 @@ def _scaled(uv_px: Array, scale: float) -> Array:
     return (uv_px + 0.5) * scale - 0.5
 
 
-def _draw_cuboid(canvas: Canvas, uv_px: Array) -> None:
-    """The edges between known corners, the front's last; the centroid, and a line from it to the front."""
-    for i, j in sorted(_EDGES, key=_FRONT.issuperset):
-        colour = FRONT_COLOUR if _FRONT.issuperset((i, j)) else CUBOID_COLOUR
-        _draw_clipped(canvas, uv_px[i], uv_px[j], colour)
+def _square_around_small(
+    row: Mapping[str, Any], shape: tuple[int, ...]
+) -> tuple[NDArray[np.int64], int] | None:
+    """The corner (2,) and side [px] of a square of the image around its robot, if it is seen and small."""
+    uv_px = row["projected_cuboid_px"]
+    if uv_px is None or row["box_px"] is None or not np.isfinite(uv_px).all():
+        return None
+    height_px, width_px = shape[:2]
+    side_px = max(round(_INSET_MARGIN * np.ptp(uv_px, axis=0).max()), _LEAST_CROP_PX)
+    if side_px > _SMALL_SHARE * min(height_px, width_px):
+        return None
+    corner_px = np.round((uv_px.min(axis=0) + uv_px.max(axis=0) - side_px) / 2.0)
+    return corner_px.clip(0, (width_px - side_px, height_px - side_px)).astype(np.int64), side_px
+
+
+def _draw_inset(
+    canvas: Canvas, image: Image, row: Mapping[str, Any], corner_px: NDArray[np.int64], side_px: int
+) -> None:
+    """A square of the image, magnified, with the label, in the corner of the picture opposite to it."""
+    height_px, width_px = canvas.image.shape[:2]
+    u_px, v_px = corner_px
+    inset_px = round(_INSET_SHARE * height_px)
+    inset = Canvas(inset_px, inset_px)
+    crop = np.ascontiguousarray(image[v_px : v_px + side_px, u_px : u_px + side_px])
+    inset.image[:] = cv2.resize(crop, (inset_px, inset_px), interpolation=cv2.INTER_CUBIC)
+    _draw_label(inset, row, scale=inset_px / side_px, corner_px=corner_px)
+    at_u = 0 if u_px + side_px / 2.0 > image.shape[1] / 2.0 else width_px - inset_px
+    at_v = 0 if v_px + side_px / 2.0 > image.shape[0] / 2.0 else height_px - inset_px
+    canvas.image[at_v : at_v + inset_px, at_u : at_u + inset_px] = inset.image
+    frame = np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) * (inset_px - 1.0) + (at_u, at_v)
+    canvas.polyline(frame, colour=PAPER, width_px=3, closed=True)
+
+
+def _draw_label(
+    canvas: Canvas, row: Mapping[str, Any], *, scale: float, corner_px: NDArray[np.int64] | int = 0
+) -> None:
+    """Box, cuboid, centroid, and a line from it to the front's middle, over an image cut at a corner."""
+    if row["box_px"] is not None:
+        (u0, v0), (u1, v1) = _scaled(row["box_px"].reshape(2, 2) - corner_px, scale)
+        ring = np.array([[u0, v0], [u1, v0], [u1, v1], [u0, v1]])
+        canvas.polyline(ring, colour=BOX_COLOUR, closed=True)
+    if row["projected_cuboid_px"] is None:
+        return
+    uv_px = _scaled(row["projected_cuboid_px"] - corner_px, scale)
+    _draw_edges(canvas, uv_px)
     centroid, front = uv_px[_CENTROID], uv_px[sorted(_FRONT)].mean(axis=0)
     _draw_clipped(canvas, centroid, front, FRONT_COLOUR)
-    if np.isfinite(centroid).all() and _inside(canvas, centroid):
+    if _inside(canvas, centroid):
         canvas.disc(centroid, radius_px=_DOT_PX, colour=FRONT_COLOUR, outline=PAPER)
 
 
+def _draw_edges(canvas: Canvas, uv_px: Array) -> None:
+    """The cuboid's edges between known corners, the front's last."""
+    for i, j in sorted(_EDGES, key=_FRONT.issuperset):
+        colour = FRONT_COLOUR if _FRONT.issuperset((i, j)) else CUBOID_COLOUR
+        _draw_clipped(canvas, uv_px[i], uv_px[j], colour)
+
+
 def _inside(canvas: Canvas, uv_px: Array) -> bool:
+    """Whether a pixel (2,) lies on the picture; one that is not known (NaN) does not."""
     height_px, width_px = canvas.image.shape[:2]
     return bool((uv_px >= 0.0).all() and (uv_px < (width_px, height_px)).all())
 
