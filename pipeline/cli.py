@@ -131,17 +131,32 @@ def verify(folder: Annotated[str, typer.Argument(help="A data folder or one stag
 def inspect(
     folder: Annotated[str, typer.Argument(help="One stage's folder.")] = "data/dataset",
     out: Annotated[Path | None, typer.Option("--out", help="PNG to write; in report/ by default.")] = None,
-    count: Annotated[int, typer.Option("--count", min=1, help="How many pairs or plans to show.")] = 6,
-    order: Annotated[str, typer.Option("--order", help="overlap: from low to high; or random.")] = "overlap",
+    table: Annotated[
+        str | None, typer.Option("--table", help="pairs, views or poses; all there are by default.")
+    ] = None,
+    count: Annotated[
+        int | None, typer.Option("--count", min=1, help="How many to show; 24 images or 6 others by default.")
+    ] = None,
+    order: Annotated[
+        str | None,
+        typer.Option("--order", help="overlap (pairs) or visibility (images), from low to high; or random."),
+    ] = None,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Of the random draw.")] = 0,
 ) -> None:
-    """Draw a contact sheet of a stage's output and print its figures."""
-    from pipeline.stages.inspect import Order
+    """Draw contact sheets of a stage's output and print its figures."""
+    from pipeline.stages.inspect import Order, Selection, Table
     from pipeline.stages.inspect import inspect as inspected
 
-    found = inspected(folder, output=out, count=count, order=_choice(Order, "--order", order), seed=seed)
-    print(found.summary)
-    print(f"\n{found.picture}")
+    found = inspected(
+        folder,
+        output=out,
+        table=None if table is None else _choice(Table, "--table", table),
+        selection=Selection(
+            count=count, order=None if order is None else _choice(Order, "--order", order), seed=seed
+        ),
+    )
+    print(found.summary, end="\n\n")
+    print(*found.pictures, sep="\n")
 
 
 export_app = typer.Typer(help="Write plans and images as files for other programs.", no_args_is_help=True)

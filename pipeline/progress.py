@@ -30,16 +30,20 @@ class Meter(Protocol):
 
 
 @contextmanager
-def meter(stage: str, *, total: int | None, console: Console) -> Iterator[Meter]:
+def meter(
+    stage: str, *, total: int | None, console: Console, parts: str = "shards", rows: str = "rows"
+) -> Iterator[Meter]:
     """The meter of one stage.
 
     Args:
         stage: its name.
         total: how many shards there will be, None if that is not known beforehand.
         console: where to print.
+        parts, rows: what to call shards and rows.
     """
+    tally = _Tally(stage, total, parts, rows)
     if not console.is_terminal:
-        yield _Lines(_Tally(stage, total), console)
+        yield _Lines(tally, console)
         return
     # 80 columns hold it all.
     columns = (
@@ -51,15 +55,16 @@ def meter(stage: str, *, total: int | None, console: Console) -> Iterator[Meter]
         TimeRemainingColumn(compact=True),
     )
     with Progress(*columns, console=console) as progress:
-        yield _Bar(_Tally(stage, total), progress)
+        yield _Bar(tally, progress)
 
 
 class _Tally:
     """What is there, and how fast it comes."""
 
-    def __init__(self, stage: str, total: int | None) -> None:
+    def __init__(self, stage: str, total: int | None, parts_name: str, rows_name: str) -> None:
         self.stage = stage
         self.total = total
+        self._parts_name, self._rows_name = parts_name, rows_name
         self.shards = self.shards_made = self.rows = self.rows_made = 0
         self._started_s = time.monotonic()
 
@@ -76,7 +81,7 @@ class _Tally:
         """E.g. `6/48 shards, 48 rows, 3.1/s`."""
         of_total = f"/{self.total}" if self.total is not None else ""
         rate = self.rows_made / max(self.elapsed_s(), 1e-3)
-        return f"{self.shards}{of_total} shards, {self.rows} rows, {rate:.1f}/s"
+        return f"{self.shards}{of_total} {self._parts_name}, {self.rows} {self._rows_name}, {rate:.1f}/s"
 
     def left(self) -> str:
         """E.g. `, about 40 s left`, once that can be known."""

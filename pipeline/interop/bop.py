@@ -3,10 +3,11 @@
     camera.json                          camera_document
     models/models_info.json              models_info_document
     models/obj_000001.ply                model_ply
-    train_pbr/000000/scene_camera.json   scene_camera_document
-    train_pbr/000000/scene_gt.json       scene_gt_document
-    train_pbr/000000/scene_gt_info.json  scene_gt_info_document
-    train_pbr/000000/rgb/000000.png
+    test_targets_bop19.json              targets_document
+    train/000000/scene_camera.json       scene_camera_document
+    train/000000/scene_gt.json           scene_gt_document
+    train/000000/scene_gt_info.json      scene_gt_info_document
+    train/000000/rgb/000000.png
 
 Millimetres. The model's frame is o: its origin is the centre of the model's box and z points up, as BOP
 wants it; the camera is OpenCV's, pixel (0, 0) the centre of the first pixel, as with us. No depth images are
@@ -35,6 +36,9 @@ MM_PER_M = 1000.0
 
 NO_BOX = [-1, -1, -1, -1]
 """What the toolkit writes where nothing is visible."""
+
+TARGET_VISIBILITY = 0.1
+"""The benchmark asks for objects of which at least this share is visible."""
 
 Images = Mapping[int, PoseLabel]
 """Labels by the number of the image."""
@@ -117,6 +121,15 @@ def _silhouette_box(camera: PinholeCamera, T_c_o: Array, hull_o_m: Array) -> lis
     return [int(v) for v in (*low, *(high - low))]
 
 
+def targets_document(images: Images, *, obj_id: int, scene_id: int) -> list[dict[str, int]]:
+    """`test_targets_bop19.json`: in which images of the test split the robot is to be found."""
+    return [
+        {"im_id": i, "inst_count": 1, "obj_id": obj_id, "scene_id": scene_id}
+        for i, label in images.items()
+        if label.visibility >= TARGET_VISIBILITY
+    ]
+
+
 def models_info_document(models_o_m: Mapping[int, Array]) -> dict[str, Any]:
     """`models_info.json`: box and diameter [mm] of each model's vertices (N, 3) [m] in o, by its number."""
     return {str(obj_id): _model_info(MM_PER_M * vertices) for obj_id, vertices in models_o_m.items()}
@@ -180,7 +193,9 @@ def _srgb(linear_rgb: Sequence[float]) -> Array:
     return np.round(255.0 * np.where(c <= 0.0031308, 12.92 * c, 1.055 * c ** (1 / 2.4) - 0.055))
 
 
-def bop_json(document: Mapping[str, Any]) -> bytes:
+def bop_json(document: Mapping[str, Any] | Sequence[Any]) -> bytes:
     """A document as the toolkit writes it: one entry a line."""
-    lines = [f"  {json.dumps(key)}: {json.dumps(value)}" for key, value in document.items()]
-    return ("{\n" + ",\n".join(lines) + "\n}\n").encode()
+    if isinstance(document, Mapping):
+        lines = [f"  {json.dumps(key)}: {json.dumps(value)}" for key, value in document.items()]
+        return ("{\n" + ",\n".join(lines) + "\n}\n").encode()
+    return ("[\n" + ",\n".join(f"  {json.dumps(entry)}" for entry in document) + "\n]\n").encode()

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from pipeline.errors import PipelineError
 from pipeline.geometry.camera import PinholeCamera
@@ -54,3 +56,28 @@ class PoseLabel:
     def projected_cuboid_px(self) -> Array | None:
         """(9, 2) the cuboid's points in DOPE's order; NaN behind the camera; None where there is no robot."""
         return None if self.T_c_o is None else project_cuboid(self.T_c_o, self.cuboid_size_m, self.camera)
+
+
+def label_of(row: Mapping[str, Any]) -> PoseLabel:
+    """The label in a row of `poses` or `pairs`, as the schema's `rows` gives it; the picture is there.
+
+    Raises:
+        PipelineError: the row contradicts itself.
+    """
+    K, box_px = row["K"], row["box_px"]
+    x_m, y_m, z_m = row["cuboid_size_m"].tolist()
+    return PoseLabel(
+        camera=PinholeCamera(
+            fx_px=float(K[0, 0]),
+            fy_px=float(K[1, 1]),
+            cx_px=float(K[0, 2]),
+            cy_px=float(K[1, 2]),
+            width_px=row["image_width_px"],
+            height_px=row["image_height_px"],
+        ),
+        cuboid_size_m=(x_m, y_m, z_m),
+        T_c_o=row["T_c_o"],
+        visible_px=row["visible_px"],
+        silhouette_px=row["silhouette_px"],
+        box_px=None if box_px is None else tuple(box_px.tolist()),
+    )

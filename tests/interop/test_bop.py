@@ -19,6 +19,7 @@ from pipeline.interop.bop import (
     scene_camera_document,
     scene_gt_document,
     scene_gt_info_document,
+    targets_document,
 )
 from pipeline.interop.pose_label import PoseLabel
 from pipeline.rendering.robot_model import robot_parts
@@ -128,6 +129,21 @@ def test_a_robot_that_is_partly_behind_the_camera_has_no_box():
     T_c_o[2, 3] = 0.05
     with pytest.raises(PipelineError, match="part of the robot is behind the camera"):
         scene_gt_info_document({0: _label(T_c_o)}, CORNERS_O_M)
+
+
+def test_targets_are_the_images_of_which_a_tenth_of_the_robot_is_visible(images):
+    rng = np.random.default_rng(3)
+    labels = images | {
+        20: _label(random_pose(rng), visible_px=8),
+        21: _label(random_pose(rng), visible_px=7),
+    }
+    entries = json.loads(bop_json(targets_document(labels, obj_id=1, scene_id=4)))
+    assert entries == [{"im_id": i, "inst_count": 1, "obj_id": 1, "scene_id": 4} for i in (0, 20)]
+
+
+def test_a_list_has_an_entry_a_line():
+    assert bop_json([{"a": 1}, {"a": 2}]) == b'[\n  {"a": 1},\n  {"a": 2}\n]\n'
+    assert json.loads(bop_json([])) == []
 
 
 def test_the_models_box_and_diameter_are_in_millimetres():

@@ -1,0 +1,24 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pipeline.interop.pose_label import label_of
+from pipeline.schema import PAIRS, POSES
+from tests.stages.published_images import ABSENT, CAMERA, HIDDEN, pair_row, pose_row
+
+
+@pytest.mark.parametrize(("schema", "made"), [(POSES, pose_row), (PAIRS, pair_row)])
+def test_a_rows_label_projects_and_counts_as_its_columns_say(schema, made):
+    rows = [made(i) for i in range(10)]
+    labels = [label_of(row) for row in schema.rows(schema.table(rows))]
+    for i, (row, label) in enumerate(zip(rows, labels, strict=True)):
+        assert label.camera == CAMERA
+        assert label.visibility == pytest.approx(row["visibility"])
+        if i == ABSENT:
+            assert label.T_c_o is None
+            assert label.box_px is None
+            continue
+        assert np.array_equal(label.T_c_o, row["T_c_o"])
+        assert label.projected_cuboid_px() == pytest.approx(row["projected_cuboid_px"])
+        assert label.box_px == (None if i == HIDDEN else (9.5, 19.5, 29.5, 22.5))
