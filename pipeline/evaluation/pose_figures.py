@@ -21,7 +21,7 @@ BOX_COLOUR: Colour = (250, 250, 250)
 _COLUMNS = 4
 _MARGIN_PX, _GAP_PX = 28, 16
 _HEADER_PX, _CAPTION_PX = 112, 46
-_DOT_PX, _LINE_PX = 3.0, 1
+_DOT_PX, _LINE_PX, _FRAME_PX = 3.0, 1, 3
 _SMALL_SHARE, _INSET_SHARE, _INSET_MARGIN, _LEAST_CROP_PX = 0.25, 0.42, 1.5, 24
 """A square around the robot, by a margin larger, is magnified if it is less than a share of the image."""
 _BEYOND_PX = 9.0
@@ -135,11 +135,11 @@ def _draw_inset(
     crop = np.ascontiguousarray(image[v_px : v_px + side_px, u_px : u_px + side_px])
     inset.image[:] = cv2.resize(crop, (inset_px, inset_px), interpolation=cv2.INTER_CUBIC)
     _draw_label(inset, row, scale=inset_px / side_px, corner_px=corner_px)
+    framed_px = inset_px + _FRAME_PX
     at_u = 0 if u_px + side_px / 2.0 > image.shape[1] / 2.0 else width_px - inset_px
     at_v = 0 if v_px + side_px / 2.0 > image.shape[0] / 2.0 else height_px - inset_px
-    canvas.image[at_v : at_v + inset_px, at_u : at_u + inset_px] = inset.image
-    frame = np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) * (inset_px - 1.0) + (at_u, at_v)
-    canvas.polyline(frame, colour=PAPER, width_px=3, closed=True)
+    canvas.image[max(at_v - _FRAME_PX, 0) :][:framed_px, max(at_u - _FRAME_PX, 0) :][:, :framed_px] = PAPER
+    canvas.image[at_v:][:inset_px, at_u:][:, :inset_px] = inset.image
 
 
 def _draw_label(
@@ -184,10 +184,10 @@ def _draw_clipped(canvas: Canvas, start_px: Array, end_px: Array, colour: Colour
     step_px = end_px - start_px
     # Liang and Barsky 1984: where the line, start + t step, crosses the borders; NaN along a border.
     with np.errstate(divide="ignore", invalid="ignore"):
-        t = (
-            np.array([(-_BEYOND_PX,) * 2, (width_px + _BEYOND_PX, height_px + _BEYOND_PX)]) - start_px
-        ) / step_px
-    enters, leaves = np.fmax.reduce([0.0, *t.min(axis=0)]), np.fmin.reduce([1.0, *t.max(axis=0)])
+        t_low = (-_BEYOND_PX - start_px) / step_px
+        t_high = (np.array([width_px, height_px]) + _BEYOND_PX - start_px) / step_px
+    enters = np.fmax.reduce([0.0, *np.minimum(t_low, t_high)])
+    leaves = np.fmin.reduce([1.0, *np.maximum(t_low, t_high)])
     if enters < leaves:
         ends_px = start_px + np.outer((enters, leaves), step_px)
         canvas.polyline(ends_px, colour=colour, width_px=_LINE_PX)
