@@ -64,7 +64,7 @@ def label_of(row: Mapping[str, Any]) -> PoseLabel:
     Raises:
         PipelineError: the row contradicts itself.
     """
-    K, box_px = row["K"], row["box_px"]
+    K, box_px, visible_px = row["K"], row["box_px"], row["visible_px"]
     x_m, y_m, z_m = row["cuboid_size_m"].tolist()
     return PoseLabel(
         camera=PinholeCamera(
@@ -77,7 +77,8 @@ def label_of(row: Mapping[str, Any]) -> PoseLabel:
         ),
         cuboid_size_m=(x_m, y_m, z_m),
         T_c_o=row["T_c_o"],
-        visible_px=row["visible_px"],
-        silhouette_px=row["silhouette_px"],
+        visible_px=visible_px,
+        # Counted in a picture of its own, where a pixel on the robot's edge can fall the other way.
+        silhouette_px=max(row["silhouette_px"], visible_px),
         box_px=None if box_px is None else tuple(box_px.tolist()),
     )

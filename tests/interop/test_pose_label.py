@@ -22,3 +22,10 @@ def test_a_rows_label_projects_and_counts_as_its_columns_say(schema, made):
         assert np.array_equal(label.T_c_o, row["T_c_o"])
         assert label.projected_cuboid_px() == pytest.approx(row["projected_cuboid_px"])
         assert label.box_px == (None if i == HIDDEN else (9.5, 19.5, 29.5, 22.5))
+
+
+def test_a_silhouette_counted_a_pixel_short_is_that_of_the_visible_robot():
+    row = pose_row(0, visible_px=713, silhouette_px=712, visibility=713 / 712)
+    (row,) = POSES.rows(POSES.table([row]))
+    label = label_of(row)
+    assert (label.visible_px, label.silhouette_px, label.visibility) == (713, 713, 1.0)
