@@ -1,4 +1,6 @@
-"""Rendezvous drawn instead of driven: two cuts of one furnished building, with exact poses."""
+"""Rendezvous drawn instead of driven: two cuts of one furnished building, with exact poses.
+
+And images of the robot painted instead of rendered, with exact labels."""
 
 from __future__ import annotations
 
@@ -10,7 +12,8 @@ import cv2
 import numpy as np
 
 from pipeline.evaluation.metrics import pose_error, wall_agreement
-from pipeline.geometry.camera import PinholeCamera, camera_pose
+from pipeline.geometry.camera import PinholeCamera, camera_pose, se3_from_se2
+from pipeline.geometry.cuboid import project_cuboid
 from pipeline.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, overlap
 from pipeline.geometry.se2 import SE2, Array
 
@@ -136,6 +139,8 @@ def synthetic_row(rng: np.random.Generator, *, plan: int = 0, event: int = 0) ->
         "range_m": float(np.hypot(T_r0_r1_true.x_m, T_r0_r1_true.y_m)),
         "bearing_rad": float(np.arctan2(T_r0_r1_true.y_m, T_r0_r1_true.x_m)),
         "visible_fraction": 0.9,
+        "robot": "scout",
+        "cuboid_size_m": np.array([0.3, 0.2, 0.1]),
         "image_width_px": CAMERA.width_px,
         "image_height_px": CAMERA.height_px,
         "K": CAMERA.K(),
@@ -164,3 +169,60 @@ def synthetic_row(rng: np.random.Generator, *, plan: int = 0, event: int = 0) ->
             f"ghost_cells_{i}": 0,
         }
     return row
+
+
+def _painted(rng: np.random.Generator, T_c_o: Array | None, size_m: Array) -> dict[str, Any]:
+    """An image of the cuboid's outline before a wall, both of uniform colours, and its label."""
+    pixels = np.full((CAMERA.height_px, CAMERA.width_px, 3), rng.integers(0, 256, 3), np.uint8)
+    silhouette, box_px, points_px = np.zeros(pixels.shape[:2], np.uint8), None, None
+    if T_c_o is not None:
+        points_px = project_cuboid(T_c_o, tuple(size_m), CAMERA)
+        cv2.fillConvexPoly(silhouette, cv2.convexHull(points_px.round().astype(np.int32)), 1)
+        rows, cols = np.nonzero(silhouette)
+        box_px = np.array([cols.min() - 0.5, rows.min() - 0.5, cols.max() + 0.5, rows.max() + 0.5])
+        pixels[silhouette > 0] = rng.integers(0, 256, 3)
+    seen_px = int(silhouette.sum())
+    whole_px = round(seen_px / rng.uniform(0.3, 1.0))
+    return {
+        "image": cv2.imencode(".jpg", pixels)[1].tobytes(),
+        "T_c_o": T_c_o,
+        "projected_cuboid_px": points_px,
+        "visibility": seen_px / whole_px if seen_px else 0.0,
+        "visible_px": seen_px,
+        "silhouette_px": whole_px,
+        "box_px": box_px,
+        "drawn": "{}",
+    }
+
+
+def synthetic_view(sighting: dict[str, Any]) -> dict[str, Any]:
+    """The row of `VIEWS` of a sighting: what its camera sees, in colours that are its own."""
+    rng = np.random.default_rng(list(sighting["pair_id"].encode()))
+    T_r0_r1 = se3_from_se2(sighting["T_r0_r1_true"])
+    T_c_o = np.linalg.inv(sighting["T_r0_c"]) @ T_r0_r1 @ sighting["T_r1_o"]
+    ids = {name: sighting[name] for name in ("pair_id", "plan_id")}
+    return ids | _painted(rng, T_c_o, sighting["cuboid_size_m"])
+
+
+def synthetic_pose(*, plan: int, number: int) -> dict[str, Any]:
+    """A row of `POSES`: the robot straight ahead at 0.5 to 3 m (uniform); every fifth image is without it."""
+    rng = np.random.default_rng([plan, number])
+    T_r0_c = camera_pose(np.array([0.03, 0.0, 0.19]), np.zeros(3))
+    T_r0_o = se3_from_se2(SE2(rng.uniform(0.5, 3.0), 0.0, rng.uniform(-3.1, 3.1)))
+    plausible, size_m = number % 2 == 0, np.array([0.3, 0.2, 0.1])
+    return {
+        "pose_id": f"plan-{plan:03d}-p{number:04d}",
+        "plan_id": f"plan-{plan:03d}",
+        "plan_digest": hashlib.sha256(str(plan).encode()).hexdigest(),
+        "seed": 0,
+        "mode": "plausible" if plausible else "free",
+        "image_width_px": CAMERA.width_px,
+        "image_height_px": CAMERA.height_px,
+        "K": CAMERA.K(),
+        "T_r0_c": T_r0_c if plausible else None,
+        "T_r0_c_true": T_r0_c if plausible else None,
+        "robot": "scout",
+        "cuboid_size_m": size_m,
+        "T_r1_o": np.eye(4),
+        **_painted(rng, None if number % 5 == 4 else np.linalg.inv(T_r0_c) @ T_r0_o, size_m),
+    }

@@ -12,14 +12,15 @@ import pyarrow.compute as pc
 
 from pipeline.evaluation.canvas import Image
 from pipeline.evaluation.charts import histogram
+from pipeline.evaluation.pose_card import licence_note, poses_section, views_section
+from pipeline.evaluation.quantiles import quantile_table
 from pipeline.evaluation.tables import column_table, markdown_table
 from pipeline.geometry.se2 import Array
-from pipeline.schema import PAIRS, SCHEMA_VERSION
+from pipeline.schema import PAIRS, POSES, SCHEMA_VERSION
 from pipeline.splits import SPLITS
 from pipeline.store.records import Quarantined
 
 _ROBOTS = ("0", "1")
-_QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 _PAPERS_OVERLAP = 0.174
 _TOLD_LEFT_OUT = 3
 _OVERLAP_EDGES = np.linspace(0.0, 1.0, 21)
@@ -51,6 +52,8 @@ CARD_COLUMNS = (
     "plan_digest",
     "episode_id",
     "event_id",
+    "pair_id",
+    "visible_fraction",
     *(name for _, names, *_ in _MEASURES for name in names),
 )
 """What the card is computed from."""
@@ -58,9 +61,11 @@ CARD_COLUMNS = (
 
 def dataset_card(
     sightings: pa.Table,
+    poses: pa.Table | None,
     *,
     counts: Mapping[str, int],
     left_out: Sequence[Quarantined],
+    poses_left_out: Sequence[Quarantined],
     parameters: Mapping[str, Any],
     unknown: Sequence[str],
     versions: Mapping[str, str],
@@ -69,30 +74,38 @@ def dataset_card(
     """The card, Markdown with the YAML header that Hugging Face reads.
 
     Args:
-        sightings: `CARD_COLUMNS` of all rows and their `split`.
+        sightings: `CARD_COLUMNS` of all pairs, their `split`, and the `visibility` in their image, null
+            where there is none.
+        poses: `POSE_COLUMNS` of all training images and their `split`; None if there are none.
         counts: what `explore` counted, met or not.
         left_out: episodes that could not be run.
+        poses_left_out: training images that could not be made.
         parameters: all that the rows depend on, by dotted key; `explore.robot.name` is among them.
         unknown: stages whose parameters are not, because their output is gone.
         versions: of the packages that the rows were made with.
         bytes_total: size of the Parquet files.
     """
     sections = [
-        _yaml_header(sightings),
-        _INTRODUCTION.format(robot=parameters["explore.robot.name"]),
+        _yaml_header(sightings, poses),
+        _INTRODUCTION.format(robot=parameters["explore.robot.name"])
+        + ("```" if poses is None else _LOADED_POSES),
         f"## Splits\n\n{_split_table(sightings)}\n\nNo floor plan is in two splits: a plan's split is a "
         f"hash of its geometry. {bytes_total / 1e6:.1f} MB in all.",
-        f"## Episodes\n\n{_counts_table(counts)}{_left_out_list(left_out)}",
+        f"## Episodes\n\n{_counts_table(counts)}{_left_out_list('Episodes', left_out)}",
         f"## Overlap\n\n![Histogram of the overlap](overlap.png)\n\n{_overlap_table(sightings)}",
         f"## Quality\n\n{quality_table(sightings)}\n\n{_QUALITY_NOTE}",
-        f"## Columns\n\n{_COLUMNS_NOTE}\n\n{column_table(PAIRS)}",
+        views_section(sightings),
+        *([] if poses is None else [poses_section(poses) + _left_out_list("Images", poses_left_out)]),
+        f"## Columns of `pairs`\n\n{_COLUMNS_NOTE}\n\n{column_table(PAIRS)}",
+        *([] if poses is None else [f"## Columns of `poses`\n\n{column_table(POSES)}"]),
+        f"## Licences of the images\n\n{licence_note(parameters)}",
         f"## How it was made\n\n{_origin(sightings, versions, unknown)}",
         f"<details><summary>All parameters</summary>\n\n{_parameter_table(parameters)}\n\n</details>",
     ]
     return "\n\n".join(sections) + "\n"
 
 
-_INTRODUCTION = """# Rendezvous pairs
+_INTRODUCTION = """# Rendezvous
 
 Two simulated robots, each a `{robot}`, explore a furnished building, each with its own SLAM map, until one
 sees the other. Every row is one such sighting: both occupancy grids, both estimated poses, the true relative
@@ -104,6 +117,9 @@ pose, and the transform between the maps.
 from datasets import load_dataset
 
 pairs = load_dataset("path/to/this/folder", split="train")
+"""
+
+_LOADED_POSES = """poses = load_dataset("path/to/this/folder", "poses", split="train")
 ```"""
 
 _QUALITY_NOTE = """\
@@ -120,7 +136,8 @@ x right, y down, z forward; o: centre of the seen robot's cuboid; w: the floor p
 _ORIGIN_NOTE = """\
 The same versions, seed and floor plan files make the same rows again with the parameters below: those of
 `stages.yaml`, by their full key. `explore.robot` and `meshes.robot` are written out as the robot file that
-they name. `plans_per_shard` is missing because no row depends on it."""
+they name; `render.robot` is that of `explore` and a digest of its model. `render.backgrounds` is told by a
+digest of the photos. `plans_per_shard` is missing because no row depends on it."""
 
 
 def overlap_chart(sightings: pa.Table) -> Image:
@@ -134,17 +151,27 @@ def overlap_chart(sightings: pa.Table) -> Image:
     )
 
 
-def _yaml_header(sightings: pa.Table) -> str:
-    present = set(sightings["split"].unique().to_pylist())
-    files = "\n".join(
-        f"  - split: {split}\n    path: pairs/{split}-*.parquet" for split in SPLITS if split in present
-    )
+def _yaml_header(sightings: pa.Table, poses: pa.Table | None) -> str:
+    configs = _yaml_config("pairs", sightings, default=True)
+    rows = sightings.num_rows
+    if poses is not None:
+        configs += _yaml_config("poses", poses)
+        rows += poses.num_rows
+    tags = ("robotics", "slam", "map-fusion", "occupancy-grid", "multi-robot", "pose-estimation")
+    tag_lines = "".join(f"- {tag}\n" for tag in tags)
     return (
-        "---\npretty_name: Rendezvous pairs\n"
-        "tags:\n- robotics\n- slam\n- map-fusion\n- occupancy-grid\n- multi-robot\n"
-        f"size_categories:\n- {_size_category(sightings.num_rows)}\n"
-        f"configs:\n- config_name: pairs\n  default: true\n  data_files:\n{files}\n---"
+        "---\npretty_name: Rendezvous\n"
+        f"tags:\n{tag_lines}"
+        f"size_categories:\n- {_size_category(rows)}\n"
+        f"configs:\n{configs}---"
     )
+
+
+def _yaml_config(name: str, rows: pa.Table, *, default: bool = False) -> str:
+    present = set(rows["split"].unique().to_pylist())
+    files = [f"  - split: {s}\n    path: {name}/{s}-*.parquet\n" for s in SPLITS if s in present]
+    first = "  default: true\n" if default else ""
+    return f"- config_name: {name}\n{first}  data_files:\n{''.join(files)}"
 
 
 def _size_category(rows: int) -> str:
@@ -167,13 +194,13 @@ def _counts_table(counts: Mapping[str, int]) -> str:
     return markdown_table(("counted", "number"), [(k.replace("_", " "), f"{v:,}") for k, v in counts.items()])
 
 
-def _left_out_list(left_out: Sequence[Quarantined]) -> str:
-    """How many episodes are missing, and some of the reasons; empty if none is."""
+def _left_out_list(what: str, left_out: Sequence[Quarantined]) -> str:
+    """How many are missing, and some of the reasons; empty if none is."""
     if not left_out:
         return ""
     told = list({entry.reason: entry for entry in left_out}.values())[:_TOLD_LEFT_OUT]
     reasons = "\n".join(f"- `{entry.item_id}`: {entry.reason}" for entry in told)
-    return f"\n\nEpisodes left out, because they could not be run: {len(left_out)}. Reasons:\n\n{reasons}"
+    return f"\n\n{what} left out, because they could not be made: {len(left_out)}. Reasons:\n\n{reasons}"
 
 
 def _origin(sightings: pa.Table, versions: Mapping[str, str], unknown: Sequence[str]) -> str:
@@ -199,12 +226,12 @@ def _overlap_table(sightings: pa.Table) -> str:
 
 def quality_table(sightings: pa.Table) -> str:
     """Quantiles of what `CARD_COLUMNS` measure."""
-    rows = []
-    for title, names, factor, unit, decimals in _MEASURES:
-        values = factor * _pooled(sightings, names)
-        shown = [f"{value:.{decimals}f}" for value in np.quantile(values, _QUANTILES)] if len(values) else []
-        rows.append((f"{title} [{unit}]" if unit else title, *shown))
-    return markdown_table(("", *(f"{q:.0%}" for q in _QUANTILES)), rows)
+    return quantile_table(
+        [
+            (f"{title} [{unit}]" if unit else title, factor * _pooled(sightings, names), decimals)
+            for title, names, factor, unit, decimals in _MEASURES
+        ]
+    )
 
 
 def _pooled(sightings: pa.Table, names: Sequence[str]) -> Array:
