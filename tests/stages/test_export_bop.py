@@ -176,16 +176,32 @@ def test_bop_says_how_to_name_a_robot_that_it_does_not_know(rover, tmp_path):
     assert fault.endswith("; --robot PATH names the robot file of the 'rover'\n")
 
 
-def test_bop_refuses_a_robot_of_another_size_than_the_datasets(rover, tmp_path):
+@pytest.mark.parametrize(
+    ("was", "becomes", "said"),
+    [
+        ("size_m: [0.138", "size_m: [0.158", r"a cuboid of \(0\.158, .*; the dataset's is of \(0\.138, "),
+        (
+            "centre_m: [-0.032",
+            "centre_m: [-0.022",
+            r"around \(-0\.022, .*; the dataset's .* around \(-0\.032, ",
+        ),
+    ],
+)
+def test_bop_refuses_a_robot_with_another_cuboid_than_the_datasets(was, becomes, said, rover, tmp_path):
     data, robot = rover
-    text = (
-        robot.read_text().replace("cuboid:", "cuboid:  # wider").replace("size_m: [0.138", "size_m: [0.158")
-    )
-    robot.write_text(text)
+    robot.write_text(robot.read_text().replace(was, becomes))
     code, _, fault = rendezvous("bop", data, "--out", tmp_path / "out", "--robot", robot)
     assert code == 2
-    assert re.search(r"a cuboid of \(0\.158, .*; the dataset's is of \(0\.138, .* another robot file$", fault)
+    assert re.search(said + r".* so --robot must name another robot file$", fault)
     assert not (tmp_path / "out").exists()
+
+
+def test_a_failed_bop_export_leaves_no_documents_beside_other_images(dataset, tmp_path):
+    out = tmp_path / "out"
+    exported("bop", dataset, "--out", out, "--count", 3)
+    publish(tmp_path, "train", [[pose_row(0), pose_row(1, image=b"\xff\xd8\xff"), pose_row(2)]])
+    assert rendezvous("bop", tmp_path, "--out", out)[0] == 2
+    assert not list(out.rglob("scene_*.json"))
 
 
 def test_bop_says_where_a_model_is_missing(rover, tmp_path):
