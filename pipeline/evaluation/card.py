@@ -85,6 +85,7 @@ def dataset_card(
         versions: of the packages that the rows were made with.
         bytes_total: size of the Parquet files.
     """
+    has_images = poses is not None or sightings["visibility"].null_count < sightings.num_rows
     sections = [
         _yaml_header(sightings, poses),
         _INTRODUCTION.format(robot=parameters["explore.robot.name"])
@@ -98,8 +99,8 @@ def dataset_card(
         *([] if poses is None else [poses_section(poses) + _left_out_list("Images", poses_left_out)]),
         f"## Columns of `pairs`\n\n{_COLUMNS_NOTE}\n\n{column_table(PAIRS)}",
         *([] if poses is None else [f"## Columns of `poses`\n\n{column_table(POSES)}"]),
-        f"## Licences of the images\n\n{licence_note(parameters)}",
-        f"## How it was made\n\n{_origin(sightings, versions, unknown)}",
+        *([f"## Licences of the images\n\n{licence_note(parameters)}"] if has_images else []),
+        f"## How it was made\n\n{_origin(_seeds(sightings, poses), versions, unknown)}",
         f"<details><summary>All parameters</summary>\n\n{_parameter_table(parameters)}\n\n</details>",
     ]
     return "\n\n".join(sections) + "\n"
@@ -108,8 +109,8 @@ def dataset_card(
 _INTRODUCTION = """# Rendezvous
 
 Two simulated robots, each a `{robot}`, explore a furnished building, each with its own SLAM map, until one
-sees the other. Every row is one such sighting: both occupancy grids, both estimated poses, the true relative
-pose, and the transform between the maps.
+sees the other. Every row of `pairs` is one such sighting: both occupancy grids, both estimated poses, the
+true relative pose, the transform between the maps, and what the camera saw.
 
 ![Three of the pairs: each robot's map, and both aligned](pairs.png)
 
@@ -203,9 +204,14 @@ def _left_out_list(what: str, left_out: Sequence[Quarantined]) -> str:
     return f"\n\n{what} left out, because they could not be made: {len(left_out)}. Reasons:\n\n{reasons}"
 
 
-def _origin(sightings: pa.Table, versions: Mapping[str, str], unknown: Sequence[str]) -> str:
+def _seeds(sightings: pa.Table, poses: pa.Table | None) -> str:
+    """The root seeds of all rows: one, unless a stage was run again with another."""
+    tables = [sightings] if poses is None else [sightings, poses]
+    return ", ".join(str(s) for s in sorted({s for t in tables for s in t["seed"].unique().to_pylist()}))
+
+
+def _origin(seeds: str, versions: Mapping[str, str], unknown: Sequence[str]) -> str:
     """What makes the same rows again."""
-    seeds = ", ".join(str(seed) for seed in sightings["seed"].unique().to_pylist())
     packages = ", ".join(f"{name} {version}" for name, version in versions.items())
     gone = ", ".join(f"`{stage}`" for stage in unknown)
     missing = f"\n\nNot known, because its output was gone: the parameters of {gone}." if unknown else ""

@@ -56,9 +56,10 @@ def poses_section(poses: pa.Table) -> str:
     """
     absent = poses["T_c_o"].null_count / poses.num_rows
     return (
-        "## Poses\n\nTraining images for a pose estimator such as DOPE, one robot in each; `plausible` ones "
-        "show it on the floor of a furnished room, seen by another robot's camera, `free` ones anywhere "
-        "before any background. Everything drawn at random for an image is in its column `drawn`.\n\n"
+        "## Poses\n\nEvery row of `poses` is a training image for a pose estimator such as DOPE, with one "
+        "robot or none: in `plausible` ones on the floor of a furnished room, seen by another robot's camera, "
+        "in `free` ones anywhere before any background. All that was drawn at random for an image is in its "
+        "column `drawn`.\n\n"
         "![Some of the images with their labels, from hidden to fully visible](poses.png)\n\n"
         f"{_split_table(poses)}\n\nA floor plan's poses are in the split that its pairs are in. The robot is "
         f"absent from {absent:.1%} of the images. Quantiles where it is present:\n\n"

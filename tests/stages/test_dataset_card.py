@@ -141,16 +141,18 @@ def test_code_blocks_are_closed(card, tmp_path):
     without = (tmp_path / "dataset" / "README.md").read_text()
     assert without.count("```") == 2
     assert "Poses" not in without
+    assert "Licences" in without
     assert _carded_parameters(tmp_path)["render.poses_per_plan"] == "0"
 
 
 def test_without_views_the_card_says_so(card, tmp_path):
     explored(tmp_path)
-    rendered(tmp_path, views=False)
+    rendered(tmp_path, views=False, poses=[])
     pack(synthetic_run(tmp_path))
     without = (tmp_path / "dataset" / "README.md").read_text()
     assert "No sighting has an image: `render.views` was off." in without
     assert "| `render.views` | `false` |" in without
+    assert "Licences" not in without
     assert "No sighting has an image" not in card
     assert "| `render.views` | `true` |" in card
 
