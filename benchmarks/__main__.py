@@ -9,7 +9,7 @@ import platform
 import sys
 from importlib import import_module
 
-BENCHMARKS = ("startup", "episodes", "lidar", "planning", "scaling", "memory")
+BENCHMARKS = ("startup", "episodes", "lidar", "planning", "scaling", "memory", "rendering")
 
 
 def main() -> None:
@@ -18,6 +18,8 @@ def main() -> None:
     parser.add_argument("names", nargs="*", help=f"of {', '.join(BENCHMARKS)}; all by default")
     parser.add_argument("--episodes", type=int, default=40, help="episodes that are timed")
     parser.add_argument("--memory-episodes", type=int, default=200, help="short episodes of the memory test")
+    parser.add_argument("--images", type=int, default=96, help="images that are timed")
+    parser.add_argument("--memory-images", type=int, default=200, help="images of the memory test")
     options = parser.parse_args()
     if unknown := sorted(set(options.names) - set(BENCHMARKS)):
         parser.error(f"no benchmark {', '.join(unknown)}; there are {', '.join(BENCHMARKS)}")

@@ -8,6 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import groupby
+from operator import itemgetter
 from typing import Any
 
 import cv2
@@ -25,8 +26,8 @@ from pipeline.rendering.free_scenes import draw_free
 from pipeline.rendering.gl import renderer_name
 from pipeline.rendering.randomise import Drawn, draw_plausible, room_scene
 from pipeline.rendering.robot_model import robot_parts
-from pipeline.rendering.room_looks import draw_room_looks
-from pipeline.rendering.scene import Image
+from pipeline.rendering.room_looks import RoomLooks, draw_room_looks
+from pipeline.rendering.scene import Image, Material
 from pipeline.rendering.studio import Picture, Studio
 from pipeline.rendering.viewpoints import FurnishedPlan, furnished_plan
 from pipeline.robot_file import load_robot, load_robot_model
@@ -82,32 +83,48 @@ def views(
     """What the observer's camera saw at each sighting on some plans."""
     plans = {row["plan_id"]: row for row in meshes.rows(walls, columns=_WALLS)}
     rows = []
-    for sighting in explore.rows(items, columns=_SIGHTING):
-        drawn = _drawn_view(setting, plans[sighting["plan_id"]], sighting)
-        rows.append(
-            {"pair_id": sighting["pair_id"], "plan_id": sighting["plan_id"]} | _image_row(setting, drawn)
-        )
+    sightings = explore.rows(items, columns=_SIGHTING)
+    for (plan_id, episode_id), group in groupby(sightings, key=itemgetter("plan_id", "episode_id")):
+        first, *others = group
+        rooms = _rooms(setting, plans[plan_id], first["furniture"], episode_id)
+        for sighting in (first, *others):
+            view = _image_row(setting, _drawn_view(setting, rooms, sighting))
+            rows.append({"pair_id": sighting["pair_id"], "plan_id": plan_id} | view)
     counts = {"views": len(rows), "views_half_visible": sum(row["visibility"] >= 0.5 for row in rows)}
     return Shard(table=VIEWS.table(rows), counts=counts)
 
 
-def _drawn_view(setting: Setting, walls: Mapping[str, Any], sighting: Mapping[str, Any]) -> Drawn:
-    """The scene of a sighting; rooms and robot look alike in all of an episode."""
-    studio, episode_id = setting.studio(), sighting["episode_id"]
-    place = furnished_plan(
-        plan_of(walls), solids_of(sighting["furniture"]), wall_height_m=walls["wall_height_m"]
-    )
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Rooms:
+    """Where an episode was: the furnished plan, what it and the robot look like in all of its pictures."""
+
+    place: FurnishedPlan
+    looks: RoomLooks
+    worn: Mapping[str, Material]
+
+
+def _rooms(
+    setting: Setting, walls: Mapping[str, Any], furniture: Sequence[Mapping[str, Any]], episode_id: str
+) -> _Rooms:
+    place = furnished_plan(plan_of(walls), solids_of(furniture), wall_height_m=walls["wall_height_m"])
+    rng = stream(setting.seed, "render", "episode", episode_id)
+    looks = draw_room_looks(rng, place, variants=setting.section.texture_variants)
+    return _Rooms(place=place, looks=looks, worn=setting.studio().looks.worn(rng, extent=1.0))
+
+
+def _drawn_view(setting: Setting, rooms: _Rooms, sighting: Mapping[str, Any]) -> Drawn:
+    """The scene of a sighting: the robots where they truly were."""
+    studio = setting.studio()
     T_w_r0, T_w_r1 = (
         SE2.from_array(sighting[f"T_w_m{i}"]) @ SE2.from_array(sighting[f"T_m{i}_r{i}_true"]) for i in (0, 1)
     )
-    of_episode = stream(setting.seed, "render", "episode", episode_id)
     return room_scene(
         stream(setting.seed, "render", "view", sighting["pair_id"]),
-        place,
-        draw_room_looks(of_episode, place, variants=setting.section.texture_variants),
+        rooms.place,
+        rooms.looks,
         studio.looks,
         studio.camera,
-        studio.looks.worn(of_episode, extent=1.0),
+        rooms.worn,
         setting.section.draws,
         T_w_c=se3_from_se2(T_w_r0) @ studio.robot.camera.T_r_c(),
         T_w_r1=T_w_r1,
