@@ -57,7 +57,7 @@ def poses_section(poses: pa.Table) -> str:
     absent = poses["T_c_o"].null_count / poses.num_rows
     return (
         "## Poses\n\nEvery row of `poses` is a training image for a pose estimator such as DOPE, with one "
-        "robot or none: in `plausible` ones on the floor of a furnished room, seen by another robot's camera, "
+        "robot or none: in `plausible` ones on the floor of a furnished room, seen by another's camera, "
         "in `free` ones anywhere before any background. All that was drawn at random for an image is in its "
         "column `drawn`.\n\n"
         "![Some of the images with their labels, from hidden to fully visible](poses.png)\n\n"
