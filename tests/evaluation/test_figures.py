@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import cv2
 import numpy as np
 import pytest
 
@@ -7,9 +8,10 @@ from pipeline.evaluation.canvas import BLUE, RED, SHEET_WIDTH_PX, encoded_png
 from pipeline.evaluation.charts import histogram
 from pipeline.evaluation.figures import contact_sheet
 from pipeline.evaluation.plan_figures import plan_sheet
+from pipeline.evaluation.pose_figures import labelled_image
 from pipeline.floorplan.records import Floorplan, Room, Shape, Solid
 from pipeline.geometry.se2 import SE2
-from tests.synthetic import synthetic_row
+from tests.synthetic import synthetic_row, synthetic_view
 
 OVERLAY = slice(920, SHEET_WIDTH_PX)
 
@@ -55,6 +57,39 @@ def test_a_sheet_has_a_strip_for_every_row(row):
     assert one.shape[1:] == two.shape[1:] == (SHEET_WIDTH_PX, 3)
     header_and_foot_px = 2 * one.shape[0] - two.shape[0]
     assert np.array_equal(one[header_and_foot_px - 28 :], two[one.shape[0] - 28 :])
+
+
+def test_what_robot_0_sees_stands_beside_the_maps(row):
+    seen = row | synthetic_view(row)
+    sheet = contact_sheet([seen], title="")
+    view = labelled_image(seen, width_px=340)
+    top = 148 + 32 + 62
+    assert np.array_equal(sheet[top : top + view.shape[0], 28 : 28 + 340], view)
+    assert _count(sheet[top:, 28 + 340 :], (74, 28, 92)) > 50
+
+
+def test_a_pair_without_image_can_stand_among_others_with_theirs(row):
+    seen = row | synthetic_view(row)
+    mixed = contact_sheet([row, seen], title="")
+    alone = contact_sheet([seen], title="")
+    strip_px = (alone.shape[0] - 28) - (148 + 32)
+    assert np.array_equal(mixed[-strip_px - 28 :], alone[-strip_px - 28 :])
+    assert (mixed[148 + 32 + 62 + 30 : -strip_px - 28, 28 : 28 + 340] == 255).all()
+
+
+def test_a_sheet_without_images_is_laid_out_for_maps_alone(row):
+    columns = dict.fromkeys(("image", "T_c_o", "projected_cuboid_px", "visibility", "box_px"))
+    assert np.array_equal(contact_sheet([row | columns], title=""), contact_sheet([row], title=""))
+
+
+def test_a_photograph_is_encoded_without_loss_and_filtered():
+    noise = np.random.default_rng(0).integers(-2, 3, (200, 300, 1))
+    ramp = (np.arange(300) // 2)[None, :, None] + np.zeros((200, 1, 3), int)
+    image = (ramp + noise + 20).astype(np.uint8)
+    png = encoded_png(image)
+    assert np.array_equal(cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_COLOR)[..., ::-1], image)
+    unfiltered = [cv2.IMWRITE_PNG_COMPRESSION, 9, cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_NONE]
+    assert len(png) < 0.85 * len(cv2.imencode(".png", image[..., ::-1], unfiltered)[1])
 
 
 def test_a_sheet_of_three_is_small_enough_for_a_readme(row):
