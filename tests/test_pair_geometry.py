@@ -23,6 +23,7 @@ from pipeline.stages.explore import explore
 from pipeline.stages.floorplans import floorplans
 from pipeline.stages.meshes import meshes
 from pipeline.stages.pack import pack
+from pipeline.stages.render import render
 
 pytestmark = pytest.mark.slow
 
@@ -34,13 +35,17 @@ def rows(tmp_path_factory) -> list[dict[str, Any]]:
     """All pairs of a small dataset."""
     data = tmp_path_factory.mktemp("data")
     run = Run(
-        config=load_config(STAGES_YAML, preset="smoke", overrides=["explore.episodes_per_plan=3"]),
+        config=load_config(
+            STAGES_YAML,
+            preset="smoke",
+            overrides=["explore.episodes_per_plan=3", "render.poses_per_plan=0"],
+        ),
         data=str(data),
         workers=1,
         engine=Engine.INLINE,
         console=Console(file=io.StringIO()),
     )
-    for stage in (floorplans, meshes, explore, pack):
+    for stage in (floorplans, meshes, explore, render, pack):
         stage(run)
     files = sorted((data / "dataset" / "pairs").glob("*.parquet"))
     rows = [row for file in files for row in PAIRS.rows(pq.read_table(file))]
@@ -111,6 +116,20 @@ def test_robot_1_is_where_the_camera_of_robot_0_sees_it(rows):
         assert np.all(np.abs(camera.project(p_c[None]) - (319.5, 239.5)) < (320 + margin_px, 240 + margin_px))
         assert row["bearing_rad"] == pytest.approx(np.arctan2(T_r0_o[1, 3], T_r0_o[0, 3]), abs=1e-9)
         assert 0.5 <= row["visible_fraction"] <= 1.0
+
+
+def test_robot_1_is_where_its_label_says(rows):
+    for row in rows:
+        T_r0_r1 = row["T_r0_c"] @ row["T_c_o"] @ np.linalg.inv(row["T_r1_o"])
+        assert np.allclose(T_r0_r1, se3_from_se2(row["T_r0_r1_true"]), atol=1e-9)
+        assert row["range_m"] == pytest.approx(float(np.linalg.norm(row["T_c_o"][:3, 3])), abs=1e-6)
+
+
+def test_what_is_sighted_is_seen_in_the_image(rows):
+    visibility = np.array([row["visibility"] for row in rows])
+    fraction = np.array([row["visible_fraction"] for row in rows])
+    assert visibility.min() > 0.2
+    assert np.mean(np.abs(visibility - fraction)) < 0.1
 
 
 def test_overlap_is_that_of_the_stored_maps(rows):
