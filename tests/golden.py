@@ -3,7 +3,8 @@
 Plans, furniture and starts follow from plain arithmetic and hold on every machine. A run of many thousand
 physics steps and scan matches amplifies the last bit of a sine, which differs between processors and
 library versions; a probe of that arithmetic, made without our code, is kept beside the values. Where the
-probe gives the same bits, everything must; where not, the tolerances of the test apply.
+probe gives the same bits, everything must; where not, the tolerances of the test apply. Of images only the
+labels are kept: what draws them differs from machine to machine, and golden.png sees to the pixels.
 """
 
 from __future__ import annotations
@@ -29,11 +30,12 @@ from pipeline.stages.explore import explore
 from pipeline.stages.floorplans import floorplans
 from pipeline.stages.meshes import meshes
 from pipeline.stages.pack import pack
+from pipeline.stages.render import render
 from pipeline.store.read import StageReader
 
 GOLDEN = Path(__file__).with_name("golden.json")
 STAGES_YAML = Path(__file__).parents[1] / "stages.yaml"
-STAGES = {"floorplans": floorplans, "meshes": meshes, "explore": explore, "pack": pack}
+STAGES = {"floorplans": floorplans, "meshes": meshes, "explore": explore, "render": render, "pack": pack}
 
 _ROW = ("pair_id", "t_s", "T_w_m0", "T_w_m1", "T_m0_m1", "overlap", "slam_position_error_0_m")
 
@@ -66,12 +68,30 @@ def values(run: Run) -> dict[str, Any]:
         },
         "pairs": list(readers["explore"].rows(columns=_ROW)),
         "counts": readers["explore"].manifest().counts(),
-        "content": {stage: _content(reader) for stage, reader in readers.items()},
+        "content": {stage: _content(readers[stage]) for stage in ("floorplans", "meshes", "explore")},
+        "poses": _labels(readers["render"], "poses/", "pose_id"),
+        "views": _labels(readers["render"], "views/", "pair_id"),
     }
 
 
 def _content(reader: StageReader) -> dict[str, str]:
     return {shard.name: shard.content_digest for shard in reader.shards()}
+
+
+def _labels(reader: StageReader, under: str, key: str) -> dict[str, Any]:
+    """Where the robot is in each image, and how many of its pixels show and would show."""
+    columns = [key, "T_c_o", "visible_px", "silhouette_px"]
+    rows = [
+        row for shard in reader.shards(under) for row in reader.table(shard.name, columns=columns).to_pylist()
+    ]
+    return {
+        row[key]: [
+            row["T_c_o"] and [row["T_c_o"][i] for i in (3, 7, 11)],
+            row["visible_px"],
+            row["silhouette_px"],
+        ]
+        for row in rows
+    }
 
 
 def probe() -> str:

@@ -39,6 +39,24 @@ def test_every_bit_is_the_same_where_the_arithmetic_is(
     assert found["pairs"] == expected["pairs"]
 
 
+def test_training_images_show_the_same_everywhere(found: dict[str, Any], expected: dict[str, Any]) -> None:
+    _assert_shows_the_same(found["poses"], expected["poses"])
+
+
+def test_views_show_the_same_where_the_arithmetic_is(found: dict[str, Any], expected: dict[str, Any]) -> None:
+    if found["probe"] != expected["probe"]:
+        pytest.skip("this machine rounds differently, and its robots meet elsewhere")
+    _assert_shows_the_same(found["views"], expected["views"])
+
+
+def _assert_shows_the_same(found: dict[str, Any], expected: dict[str, Any]) -> None:
+    """The robot at the same place, and as many of its pixels but for what rasterisers round."""
+    assert found.keys() == expected.keys()
+    for name, (place_m, *pixels) in expected.items():
+        assert found[name][0] == (None if place_m is None else approx(place_m, abs=1e-6))
+        assert found[name][1:] == approx(pixels, rel=0.03, abs=6)
+
+
 def test_starts_are_the_same_everywhere(found: dict[str, Any], expected: dict[str, Any]) -> None:
     starts, wanted = _starts(found), _starts(expected)
     common = starts.keys() & wanted.keys()

@@ -18,7 +18,7 @@ from tests.toy_stage import folder_content
 
 pytestmark = pytest.mark.slow
 
-STAGES = ("floorplans", "meshes", "explore", "dataset")
+STAGES = ("floorplans", "meshes", "explore", "render", "dataset")
 
 
 def command(data: Path, *options: str) -> list[str]:
@@ -83,10 +83,11 @@ def test_a_rerun_makes_nothing_and_a_harmed_shard_is_made_again(made: Path) -> N
 
 def test_a_parameter_of_explore_leaves_what_is_above_it_alone(made: Path) -> None:
     said = run(made, "--set", "explore.episode.max_events=2")
-    floorplans, meshes, explore, pack = (line for line in said.splitlines() if " made, " in line)
+    floorplans, meshes, explore, render, pack = (line for line in said.splitlines() if " made, " in line)
     assert " 0 made," in floorplans
     assert " 0 made," in meshes
     assert " 0 kept," in explore
+    assert render.startswith("render: ")
     assert pack.startswith("pack: ")
     assert "explore.episode.max_events changed 3 -> 2" in said
     run(made)

@@ -32,6 +32,8 @@ def robot_view(instance_ids: NDArray[np.int32], robot_ids: Sequence[int], *, sil
     """What (H, W) instance ids show of the instances that are the robot."""
     visible = np.isin(instance_ids, robot_ids)
     visible_px = int(np.count_nonzero(visible))
+    # The two passes may round an edge's pixel to different sides.
+    silhouette_px = max(silhouette_px, visible_px)
     return RobotView(
         visibility=visible_px / silhouette_px if visible_px else 0.0,
         box_px=_box_around(visible) if visible_px else None,
