@@ -137,8 +137,8 @@ x right, y down, z forward; o: centre of the seen robot's cuboid; w: the floor p
 _ORIGIN_NOTE = """\
 The same versions, seed and floor plan files make the same rows again with the parameters below: those of
 `stages.yaml`, by their full key. `explore.robot` and `meshes.robot` are written out as the robot file that
-they name; `render.robot` is that of `explore` and a digest of its model. `render.backgrounds` is told by a
-digest of the photos. `plans_per_shard` is missing because no row depends on it."""
+they name; `render.robot.model` is a digest of its looks, `render.backgrounds` one of the photos.
+`plans_per_shard` is missing because no row depends on it."""
 
 
 def overlap_chart(sightings: pa.Table) -> Image:

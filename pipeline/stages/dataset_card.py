@@ -109,7 +109,11 @@ def _parameters(manifests: Mapping[str, Manifest | None]) -> dict[str, Any]:
             parameters |= _tables(manifest)
         for shard in manifest.shards:
             parameters |= shard.inputs.parameters
-    return parameters
+    # The robot of `render` is that of `explore`, and told there.
+    told_twice = {
+        f"render.{key.removeprefix('explore.')}" for key in parameters if key.startswith("explore.robot.")
+    }
+    return {key: value for key, value in parameters.items() if key not in told_twice}
 
 
 def _sources(floorplans: Manifest) -> dict[str, Any]:

@@ -182,6 +182,8 @@ def test_the_card_tells_which_training_images_were_left_out(tmp_path):
 def test_the_card_names_the_robot_that_explored_and_the_stages_it_knows_nothing_of(card):
     assert "Two simulated robots, each a `scout`," in card
     assert "the parameters of `floorplans`, `meshes`.\n" in card
+    assert "| `explore.robot.radius_m` | `0.2` |" in card
+    assert "`render.robot.radius_m`" not in card
 
 
 def _carded_parameters(data: Path) -> dict[str, str]:
