@@ -12,14 +12,19 @@ from pathlib import Path
 import yaml
 
 from pipeline.evaluation.tables import column_table, markdown_table
-from pipeline.schema import PAIRS
+from pipeline.schema import PAIRS, POSES
 
 ROOT = Path(__file__).parent.parent
 
 
 def documented(readme: str, *, root: Path = ROOT) -> str:
     """The README with its generated parts as they should be."""
-    for name, text in {"stages": _stage_table(root), "columns": column_table(PAIRS)}.items():
+    tables = {
+        "stages": _stage_table(root),
+        "columns": column_table(PAIRS),
+        "poses": column_table(POSES),
+    }
+    for name, text in tables.items():
         head, tail = f"<!-- generated: {name} -->", f"<!-- end of {name} -->"
         before, rest = readme.split(head)
         readme = f"{before}{head}\n\n{text}\n\n{tail}{rest.split(tail)[1]}"

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from pipeline.documentation import ROOT, documented
-from pipeline.schema import PAIRS
+from pipeline.schema import PAIRS, POSES
 from pipeline.stages.pack import pack
 from tests.synthetic_dataset import explored, synthetic_run
 
@@ -18,7 +18,7 @@ EXAMPLES = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
 
 def test_the_readme_says_what_the_code_says():
     assert documented(README) == README, "run `python -m pipeline.documentation`"
-    assert all(f"| `{column.name}` |" in README for column in PAIRS.columns)
+    assert all(f"| `{column.name}` |" in README for column in (*PAIRS.columns, *POSES.columns))
 
 
 def test_every_file_that_the_readme_links_to_exists():
@@ -27,8 +27,10 @@ def test_every_file_that_the_readme_links_to_exists():
     assert [link for link in links if not link.startswith("http") and not (ROOT / link).exists()] == []
 
 
-def test_the_picture_suits_a_readme():
-    assert (ROOT / "docs" / "images" / "pairs.png").stat().st_size < 400_000
+def test_the_pictures_suit_a_readme():
+    sizes = [path.stat().st_size for path in (ROOT / "docs" / "images").iterdir()]
+    assert len(sizes) == 2
+    assert max(sizes) < 400_000
 
 
 @pytest.fixture(scope="module")

@@ -11,6 +11,7 @@ from pipeline.schema import (
     IMAGE_TYPE,
     SE2_TYPE,
     SE3_TYPE,
+    SIZE_TYPE,
     SOLIDS_TYPE,
     TRAJECTORY_TYPE,
     Column,
@@ -21,6 +22,7 @@ _TYPE_NAMES: dict[pa.DataType, str] = {
     IMAGE_TYPE: "image",
     SE2_TYPE: "SE(2), 3 doubles",
     SE3_TYPE: "SE(3), 16 doubles",
+    SIZE_TYPE: "struct of x_m, y_m, z_m",
     TRAJECTORY_TYPE: "list of (t_s, x_m, y_m, yaw_rad)",
     SOLIDS_TYPE: "list of solids",
 }
