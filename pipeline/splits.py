@@ -49,7 +49,7 @@ def split_plans(
     empty = [name for name in SPLITS if fractions[name] > 0.0 and name not in splits.values()]
     if empty:
         raise SplitError(
-            f"{' and '.join(empty)} would be empty: {len(splits)} floor plans with rendezvous, of which "
+            f"{' and '.join(empty)} would be empty: {len(splits)} floor plans, of which "
             f"{' and '.join(f'{fractions[name]:.0%}' for name in empty)} are wanted there; about "
             f"{plans_needed(fractions)} plans leave no split empty with 99 % probability "
             "(more floor plans, or larger pack.validation_fraction and pack.test_fraction)"

@@ -47,7 +47,7 @@ def test_the_split_of_a_plan_is_a_promise_to_published_datasets():
 
 
 def test_an_empty_split_says_how_many_plans_are_needed():
-    with pytest.raises(SplitError, match=r"would be empty: 1 floor plans .* about 51 plans leave no split"):
+    with pytest.raises(SplitError, match=r"would be empty: 1 floor plans, .* about 51 plans leave no split"):
         split_plans(["a"], validation_fraction=0.1, test_fraction=0.1)
 
 

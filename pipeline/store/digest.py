@@ -24,6 +24,8 @@ def item_digests(
     table: pa.Table, item_column: str, *, columns: Sequence[str] | None = None
 ) -> dict[str, str]:
     """Hash of the rows of each item, by the item's id, in order of appearance."""
+    # In one piece: of a chunked table, pyarrow 26 takes wrong values of nested fixed-size lists.
+    table = table.combine_chunks()
     ids = table.column(item_column)
     return {
         item_id: content_digest(table.filter(pc.equal(ids, item_id)), columns=columns)

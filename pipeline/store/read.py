@@ -68,7 +68,8 @@ class StageReader:
         disk = Disk(self.root)
         try:
             with disk.filesystem.open_input_file(disk.path(shard)) as source:
-                return pq.ParquetFile(source).read(columns=columns)
+                # In one piece: of a chunked table, pyarrow 26 takes wrong values of nested fixed-size lists.
+                return pq.ParquetFile(source).read(columns=columns).combine_chunks()
         except (OSError, pa.ArrowInvalid) as error:
             raise StoreError(
                 f"{disk.shown(shard)}: cannot be read ({' '.join(str(error).split())}); "

@@ -155,3 +155,12 @@ def test_only_the_columns_of_the_identity_count():
     other = [{"id": "p", "v": 1, "w": 2}]
     by_v = [item_digests(pa.Table.from_pylist(r), "id", columns=["id", "v"]) for r in (rows, other)]
     assert by_v[0] == by_v[1]
+
+
+def test_items_of_a_chunked_table_have_the_digests_of_a_whole_one():
+    nested = pa.list_(pa.list_(pa.float64(), 2), 3)
+    values = pa.array([[[i, i]] * 3 for i in range(6)], type=nested)
+    ids = pa.array(list("aabbcc"))
+    whole = pa.table({"id": ids, "value": values})
+    pieces = pa.table({"id": ids, "value": pa.chunked_array([values.slice(0, 3), values.slice(3, 3)])})
+    assert item_digests(pieces, "id") == item_digests(whole, "id")
