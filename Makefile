@@ -23,7 +23,7 @@ setup: $(READY)  ## install everything into .venv
 dataset: $(READY)  ## floor plans -> DATA/dataset, the Parquet dataset of rendezvous
 	$(RENDEZVOUS) dataset $(OPTIONS)
 
-inspect: $(READY)  ## draw a contact sheet of DATA/dataset to report/pairs.png
+inspect: $(READY)  ## draw contact sheets of DATA/dataset to report/
 	$(RENDEZVOUS) inspect $(DATA)/dataset
 
 test: $(READY)  ## all tests
@@ -54,6 +54,6 @@ $(READY): pyproject.toml constraints.txt
 	@started=$$(date +%s); \
 	PYTHON=$(PYTHON) .ci/system-packages && \
 	$(PYTHON) -m venv $(VENV) && \
-	$(VENV)/bin/python -m pip install --disable-pip-version-check -q -c constraints.txt -e '.[dev]' && \
+	$(VENV)/bin/python -m pip install --disable-pip-version-check -q -c constraints.txt -e '.[dev,learn]' && \
 	touch $@ && \
 	echo "set-up took $$(( $$(date +%s) - started )) s"
