@@ -1,0 +1,194 @@
+"""The learned matcher: one encoder for both maps, their features correlated over SE(2).
+
+A coarse volume of scores covers the whole search at 0.2 m and 3°. Around its peaks a finer pair of features
+gives a score at any θ, as finely as one asks. Softmax over the volumes is the posterior of the frame error.
+
+Features are not equivariant by construction: windows are turned at random in training, which teaches it.
+
+Legend: B pair, M map (0, then 1 as the estimate places it), N cells of the window, C channel, F feature,
+H heading, Y X rows and columns (of a grid, or of a volume of translations).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from pipeline.alignment.window import OCCUPIED_CELL, UNKNOWN_CELL
+from pipeline.errors import ConfigError
+from pipeline.models.matcher_loss import LossSampling, matcher_loss
+from pipeline.models.se2_correlation import turned_correlation
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MatcherConfig:
+    """What a matcher is, enough to build it and to read its scores.
+
+    Attributes:
+        cell_m: side of a cell of the window [m].
+        coarse_factor: cells of the window along a side of a coarse feature cell.
+        fine_factor: the same of a fine one; divides `coarse_factor`.
+        channels: of the coarse encoder.
+        dilations: of its residual 3x3 convolutions, one each.
+        coarse_features: features that are correlated coarsely.
+        fine_channels, fine_features: the same of the fine branch.
+        reach_cells: features vanish further than this from what is known [coarse cells].
+        heading_step_rad: spacing of the coarse volume's headings; divides the circle.
+    """
+
+    cell_m: float = 0.05
+    coarse_factor: int = 4
+    fine_factor: int = 2
+    channels: int = 32
+    dilations: tuple[int, ...] = (1, 2, 4, 8, 1, 2, 4, 8, 1)
+    coarse_features: int = 8
+    fine_channels: int = 16
+    fine_features: int = 4
+    reach_cells: int = 4
+    heading_step_rad: float = math.radians(3.0)
+
+    def __post_init__(self) -> None:
+        if self.coarse_factor % self.fine_factor:
+            raise ConfigError(
+                f"matcher: fine_factor is {self.fine_factor}; must divide {self.coarse_factor}, the other"
+            )
+        if abs(math.remainder(2.0 * math.pi, self.heading_step_rad)) > 1e-9:
+            raise ConfigError(f"matcher: heading_step_rad is {self.heading_step_rad}; must divide the circle")
+
+    @property
+    def coarse_cell_m(self) -> float:
+        """Side of a coarse feature cell [m]."""
+        return self.cell_m * self.coarse_factor
+
+    @property
+    def fine_cell_m(self) -> float:
+        """Side of a fine feature cell [m]."""
+        return self.cell_m * self.fine_factor
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values by field, for a checkpoint's JSON."""
+        return {**asdict(self), "dilations": list(self.dilations)}
+
+    @staticmethod
+    def from_dict(values: Mapping[str, Any]) -> MatcherConfig:
+        """Inverse of `as_dict`.
+
+        Raises:
+            ConfigError: a field is missing or unknown, or a value has no use.
+        """
+        expected = {field.name for field in fields(MatcherConfig)}
+        if values.keys() != expected:
+            wrong = sorted(values.keys() ^ expected)
+            raise ConfigError(f"matcher: fields {wrong} are missing or unknown; must be {sorted(expected)}")
+        return MatcherConfig(**{**values, "dilations": tuple(values["dilations"])})
+
+    def build(self) -> Matcher:
+        """A matcher of this kind, its weights drawn from torch's generator."""
+        return Matcher(self)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Features:
+    """What the encoder makes of a batch of windows; float32."""
+
+    coarse_BMFYX: Tensor
+    fine_BMFYX: Tensor
+
+
+class Encoder(nn.Module):
+    """One map's cells to features at two resolutions."""
+
+    def __init__(self, config: MatcherConfig) -> None:
+        super().__init__()
+        self.config = config
+        C, C_fine = config.channels, config.fine_channels
+        self.stem = nn.Conv2d(2 * config.coarse_factor**2, C, 3, padding=1)
+        blocks = [nn.Conv2d(C, C, 3, padding=d, dilation=d) for d in config.dilations]
+        self.blocks = nn.ModuleList(blocks)
+        self.coarse_head = nn.Conv2d(C, config.coarse_features, 1)
+        self.fine_stem = nn.Conv2d(2 * config.fine_factor**2, C_fine, 3, padding=1)
+        self.context = nn.Conv2d(C, C_fine, 1)
+        self.fine_block = nn.Conv2d(C_fine, C_fine, 3, padding=1)
+        self.fine_head = nn.Conv2d(C_fine, config.fine_features, 3, padding=1)
+        with torch.no_grad():
+            for block in blocks:
+                # There is no normalisation: the sum of the blocks must not outgrow the stem at the start.
+                block.weight.mul_(0.5)
+
+    def forward(self, cells_BNN: Tensor) -> tuple[Tensor, Tensor]:
+        """Coarse and fine features, (B, F, Y, X) each, of uint8 cells as a `MapWindow` codes them."""
+        known = cells_BNN != UNKNOWN_CELL
+        grid_BCNN = torch.stack([cells_BNN == OCCUPIED_CELL, known], 1).float()
+        near = self._near_known(known[:, None].float())
+        x = self.stem(self._folded(grid_BCNN, self.config.coarse_factor))
+        for block in self.blocks:
+            x = x + block(functional.relu(x))
+        x = functional.relu(x)
+        coarse = self.coarse_head(x).float() * near
+        ratio = self.config.coarse_factor // self.config.fine_factor
+        context = functional.interpolate(self.context(x), scale_factor=float(ratio))
+        y = functional.relu(self.fine_stem(self._folded(grid_BCNN, self.config.fine_factor)) + context)
+        y = functional.relu(y + self.fine_block(y))
+        fine = self.fine_head(y).float() * functional.interpolate(near, scale_factor=float(ratio))
+        return coarse.contiguous(), fine.contiguous()
+
+    @staticmethod
+    def _folded(grid_BCNN: Tensor, factor: int) -> Tensor:
+        """Each block of cells as channels of one cell: coarser, and nothing is lost by pooling."""
+        return functional.pixel_unshuffle(grid_BCNN, factor).contiguous(memory_format=torch.channels_last)
+
+    def _near_known(self, known_B1NN: Tensor) -> Tensor:
+        """1 for coarse cells within reach of a known one: features must not see the window's edge."""
+        reach = self.config.reach_cells
+        pooled = functional.max_pool2d(known_B1NN, self.config.coarse_factor)
+        return functional.max_pool2d(pooled, 2 * reach + 1, stride=1, padding=reach)
+
+
+class Matcher(nn.Module):
+    """Scores frame errors; see `MatcherEstimator` for what to do with the scores."""
+
+    def __init__(self, config: MatcherConfig) -> None:
+        super().__init__()
+        self.config = config
+        self.encoder = Encoder(config)
+        # Scores are sums over thousands of cells: the scale brings them down to logits.
+        self.coarse_log_scale = nn.Parameter(torch.tensor(math.log(0.01)))
+        self.fine_log_scale = nn.Parameter(torch.tensor(math.log(0.01)))
+        self.carried_weight = nn.Parameter(torch.tensor(1.0))
+
+    def features(self, cells_BMNN: Tensor) -> Features:
+        """Features of both maps of each window, (B, 2, N, N) uint8."""
+        coarse, fine = self.encoder(cells_BMNN.flatten(0, 1))
+        B = len(cells_BMNN)
+        return Features(coarse_BMFYX=coarse.unflatten(0, (B, 2)), fine_BMFYX=fine.unflatten(0, (B, 2)))
+
+    def coarse_scores(self, features: Features, heading_BH_rad: Tensor, reach: int) -> Tensor:
+        """(B, H, Y, X): logits of θ at slides of -reach..reach coarse cells along both axes."""
+        grid = features.coarse_BMFYX
+        lags = torch.arange(-reach, reach + 1.0, device=grid.device).expand(*heading_BH_rad.shape, -1)
+        scores = turned_correlation(grid[:, 0], grid[:, 1], heading_BH_rad, lags, lags, reach=reach)
+        return scores * torch.exp(self.coarse_log_scale)
+
+    def fine_scores(
+        self, features: Features, heading_BH_rad: Tensor, y_BHY_m: Tensor, x_BHX_m: Tensor
+    ) -> Tensor:
+        """(B, H, Y, X): logits of θ = (x, y, heading), each heading with translations of its own."""
+        grid, cell_m = features.fine_BMFYX, self.config.fine_cell_m
+        scores = turned_correlation(
+            grid[:, 0], grid[:, 1], heading_BH_rad, y_BHY_m / cell_m, x_BHX_m / cell_m, reach=0
+        )
+        return scores * torch.exp(self.fine_log_scale)
+
+    def loss(self, batch: Mapping[str, Tensor]) -> tuple[Tensor, dict[str, float]]:
+        """Cross-entropy of the coarse and the fine volume.
+
+        Args:
+            batch: `cells` (B, 2, N, N) uint8 and `theta` (B, 3) x [m], y [m], yaw [rad].
+        """
+        return matcher_loss(self, batch["cells"], batch["theta"], LossSampling())

@@ -1,0 +1,148 @@
+"""The learned matcher as an estimator of the frame error: a window in, θ̂ and its covariance out.
+
+Legend: K peak, H heading, Y X rows and columns of a volume of translations.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from pipeline.alignment.estimate import Estimate
+from pipeline.alignment.window import MapWindow, SearchRange
+from pipeline.errors import ConfigError
+from pipeline.geometry.se2 import SE2, Array
+from pipeline.models.matcher import Features, Matcher
+from pipeline.models.posterior import WHOLE, Gaussian, Posterior, log_prior, log_sum_exp
+from pipeline.models.refined_posterior import RefinedPosterior
+
+DEFAULT_SEARCH = SearchRange.covering(xy_m=2.0, yaw_rad=math.pi / 4)
+"""Reaches every frame error of the range that the paper's table implies."""
+
+FIRST_LOOK = ((3, math.radians(1.0)), (6, 0.05), (6, 0.05))
+"""Around a coarse peak, along heading, y and x: cells on either side, and their size [rad, m, m]."""
+LOOKS = 3
+"""How often a first look may move on after a peak that lies on its edge."""
+CLOSE_LOOK_CELLS = (4, 5, 5)
+FINEST, COARSEST = (math.radians(0.15), 0.0075, 0.0075), (math.radians(1.0), 0.06, 0.06)
+CELLS_PER_SIGMA = 1.2
+"""The close look: cells on either side, which follow the width that the first look found, within limits."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MatcherEstimator:
+    """Finds the frame error with a trained `Matcher`.
+
+    Attributes:
+        model: in evaluation mode; works where its weights are.
+        search: where to look for θ.
+        prior: what is known of θ before looking at the maps, in w.
+        peaks: how many peaks of the coarse volume are looked at closely.
+        least_mass: an estimate is ambiguous where its peak has less probability than this.
+    """
+
+    model: Matcher
+    search: SearchRange = DEFAULT_SEARCH
+    prior: Gaussian | None = None
+    peaks: int = 3
+    least_mass: float = 0.9
+
+    @property
+    def name(self) -> str:
+        """What tables call it."""
+        return "matcher"
+
+    def __call__(self, window: MapWindow) -> Estimate:
+        """The frame error that the window shows; none where one of the maps shows nothing."""
+        if not window.cells.any(axis=(1, 2)).all():
+            return Estimate(theta=None, reason="a map has nothing known in the window")
+        posterior = self.posterior(window)
+        best = posterior.best()
+        return Estimate(
+            theta=best.mean,
+            covariance=best.covariance,
+            ambiguous=bool(posterior.masses[0] < self.least_mass),
+        )
+
+    @torch.inference_mode()
+    def posterior(self, window: MapWindow) -> RefinedPosterior:
+        """The posterior of θ over the search.
+
+        Raises:
+            ConfigError: the window's cells are not of the size that the model was made for.
+        """
+        config = self.model.config
+        if not math.isclose(window.cell_m, config.cell_m):
+            raise ConfigError(
+                f"matcher: cells of {window.cell_m} m; this one takes cells of {config.cell_m} m"
+            )
+        cells = torch.from_numpy(window.cells)[None].to(self.model.carried_weight.device)
+        features = self.model.features(cells)
+        coarse = self._coarse(features)
+        modes = coarse.modes(self.peaks)
+        pieces, log_masses, rest = [], [], coarse
+        for mode in modes:
+            volume = self._close_look(features, coarse.mean_and_covariance(mode).mean)
+            scores = volume.log_p_HYX + float(self.model.carried_weight) * coarse.log_p_at(mode.peak)
+            log_masses.append(log_sum_exp(scores) + math.log(math.prod(volume.steps)))
+            pieces.append(volume.normalised())
+            rest = rest.without(mode.peak)
+        inside = 1.0 - math.exp(log_sum_exp(rest.log_p_HYX))
+        masses = inside * np.exp(np.array(log_masses) - log_sum_exp(np.array(log_masses)))
+        order = np.argsort(-masses, kind="stable")
+        return RefinedPosterior(
+            coarse=coarse, pieces=tuple(pieces[k] for k in order), masses=masses[order], rest=rest
+        )
+
+    def _coarse(self, features: Features) -> Posterior:
+        """The posterior over the whole search, in the matcher's coarse cells."""
+        config = self.model.config
+        step, cell_m = config.heading_step_rad, config.coarse_cell_m
+        reach = math.ceil(self.search.yaw_rad / step - 1e-6)
+        around = round(2.0 * math.pi / step)
+        first, count = (-reach, 2 * reach + 1) if 2 * reach + 1 < around else (-(around // 2), around)
+        headings = step * np.arange(first, first + count, dtype=np.float64)
+        slides = math.ceil(self.search.xy_m / cell_m - 1e-6)
+        scores = self.model.coarse_scores(features, self._tensor(headings), slides)
+        axis = cell_m * np.arange(-slides, slides + 1, dtype=np.float64)
+        return self._volume(headings, axis, axis, scores).normalised()
+
+    def _close_look(self, features: Features, centre: SE2) -> Posterior:
+        """Scores around a peak, in cells as fine as the peak is narrow; not normalised."""
+        for _ in range(LOOKS):
+            first = self._look(features, centre, FIRST_LOOK)
+            peak = np.unravel_index(int(first.log_p_HYX.argmax()), first.log_p_HYX.shape)
+            centre = first.theta_at(peak)
+            if all(0 < i < n - 1 for i, n in zip(peak, first.log_p_HYX.shape, strict=True)):
+                break
+        around = first.normalised().moments(first.theta_at(peak), box=WHOLE)
+        sigmas = np.sqrt(np.diag(around.covariance))[::-1]
+        cells = zip(CLOSE_LOOK_CELLS, np.clip(sigmas / CELLS_PER_SIGMA, FINEST, COARSEST), strict=True)
+        return self._look(features, around.mean, tuple((n, float(size)) for n, size in cells))
+
+    def _look(self, features: Features, centre: SE2, cells: tuple[tuple[int, float], ...]) -> Posterior:
+        """Scores on a grid around a centre; cells along heading, y and x: how many each way, of what size."""
+        middle = (centre.yaw_rad, centre.y_m, centre.x_m)
+        headings, ys_m, xs_m = (
+            at + size * np.arange(-n, n + 1, dtype=np.float64)
+            for at, (n, size) in zip(middle, cells, strict=True)
+        )
+        y_BHY, x_BHX = (self._tensor(np.tile(axis, (headings.size, 1))) for axis in (ys_m, xs_m))
+        return self._volume(
+            headings, ys_m, xs_m, self.model.fine_scores(features, self._tensor(headings), y_BHY, x_BHX)
+        )
+
+    def _volume(self, headings: Array, ys_m: Array, xs_m: Array, scores_BHYX: Tensor) -> Posterior:
+        """One pair's scores with the prior multiplied in."""
+        log_p = scores_BHYX[0].double().cpu().numpy()
+        if self.prior is not None:
+            log_p = log_p + log_prior(self.prior, headings, ys_m, xs_m)
+        return Posterior(headings_rad=headings, ys_m=ys_m, xs_m=xs_m, log_p_HYX=log_p)
+
+    def _tensor(self, values: Array) -> Tensor:
+        """Values of the one pair, where the model's weights are."""
+        return torch.from_numpy(values)[None].to(self.model.carried_weight)

@@ -1,0 +1,38 @@
+"""A posterior of the frame error that is fine around its peaks and coarse elsewhere."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipeline.geometry.se2 import SE2, Array
+from pipeline.models.posterior import WHOLE, Gaussian, Posterior, log_sum_exp
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RefinedPosterior:
+    """A mixture of close looks at the peaks of a coarse posterior, and of what is left of it.
+
+    Attributes:
+        coarse: over the whole search.
+        pieces: around each peak, normalised each, the most probable first.
+        masses: (K,) their probabilities.
+        rest: the coarse posterior away from all peaks; its sum and the masses' make 1.
+    """
+
+    coarse: Posterior
+    pieces: tuple[Posterior, ...]
+    masses: Array
+    rest: Posterior
+
+    def best(self) -> Gaussian:
+        """Mean and covariance of the most probable piece."""
+        piece = self.pieces[0]
+        return piece.mean_and_covariance(piece.modes(1)[0], box=WHOLE)
+
+    def log_density(self, theta: SE2) -> float:
+        """Log of the probability density at θ [1 / (m² rad)]; it integrates to 1."""
+        with np.errstate(divide="ignore"):
+            logs = np.log(self.masses) + np.array([piece.log_density(theta) for piece in self.pieces])
+        return log_sum_exp(np.append(logs, self.rest.log_density(theta)))
