@@ -1,0 +1,282 @@
+"""Signs, laws and learning of the matcher, on maps with a known frame error."""
+
+import math
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor, nn
+
+from pipeline.alignment.frame_error import pose_difference
+from pipeline.alignment.window import OCCUPIED_CELL, MapWindow, SearchRange
+from pipeline.errors import ConfigError
+from pipeline.geometry.se2 import SE2
+from pipeline.models.matcher import Matcher, MatcherConfig
+from pipeline.models.matcher_estimator import MatcherEstimator
+from pipeline.models.posterior import Gaussian
+from pipeline.models.se2_correlation import correlation, fft_size, turned, turned_correlation
+from tests.models.worlds import misplaced, rooms
+
+SMALL = MatcherConfig(
+    cell_m=0.1, coarse_factor=2, fine_factor=1, channels=8, dilations=(1, 2), fine_channels=4
+)
+"""Like the default in its feature cells, but takes windows at 0.1 m."""
+THETA = SE2(1.4, -0.7, math.radians(24.0))
+
+
+class SmoothedWalls(nn.Module):
+    """An encoder without weights: both features are the occupied cells, smoothed."""
+
+    def forward(self, cells_BNN: Tensor) -> tuple[Tensor, Tensor]:
+        fine = (cells_BNN[:, None] == OCCUPIED_CELL).float()
+        fine = nn.functional.avg_pool2d(fine, 3, stride=1, padding=1)
+        return nn.functional.avg_pool2d(fine, 2), fine
+
+
+def wall_matcher() -> Matcher:
+    """A matcher that compares the walls themselves."""
+    matcher = SMALL.build().eval()
+    matcher.encoder = SmoothedWalls()  # type: ignore[assignment]
+    with torch.no_grad():
+        matcher.fine_log_scale.fill_(0.0)
+        matcher.coarse_log_scale.fill_(0.0)
+    return matcher
+
+
+def window_of(theta: SE2, *, seed: int = 1) -> MapWindow:
+    return misplaced(rooms(np.random.default_rng(seed)), theta, cells=192, cell_m=0.1)
+
+
+def is_near(found: SE2 | None, theta: SE2, *, within_m: float, within_deg: float) -> bool:
+    assert found is not None
+    off = pose_difference(found, theta)
+    return math.hypot(off.x_m, off.y_m) < within_m and abs(off.yaw_rad) < math.radians(within_deg)
+
+
+def test_correlation_is_the_sum_over_cells_at_every_slide():
+    a, b = torch.randn(1, 2, 3, 6, 6), torch.randn(1, 2, 6, 6)
+    slides = torch.arange(-2.0, 3.0).expand(1, 3, -1)
+    found = correlation(a, b, slides, slides, 8)
+    padded = nn.functional.pad(b, (2, 2, 2, 2))
+    for row in range(5):
+        for col in range(5):
+            shifted = padded[:, :, None, row : row + 6, col : col + 6]
+            assert found[..., row, col] == pytest.approx((a * shifted).sum((1, 3, 4)), abs=1e-4)
+
+
+def test_correlation_between_cells_is_the_spectrum_s_interpolation():
+    generator = torch.Generator().manual_seed(0)
+    b = torch.rand(1, 1, 4, 4, generator=generator, dtype=torch.double)
+    a = torch.zeros(1, 1, 1, 4, 4, dtype=torch.double)
+    a[..., 0, 0] = 1.0
+    spectrum = torch.fft.fft2(b[0, 0], s=(8, 8)).numpy()
+    # Strictly below half the sampling rate there is only one trigonometric interpolant.
+    spectrum[4], spectrum[:, 4] = 0.0, 0.0
+    smooth = torch.from_numpy(np.fft.ifft2(spectrum).real)[None, None]
+    y, x = torch.tensor([[[0.3, 1.6]]]).double(), torch.tensor([[[0.9]]]).double()
+    found = correlation(a, smooth, y, x, 8)
+    k = np.fft.fftfreq(8) * math.tau
+    waves = np.exp(1j * (k[:, None] * np.array([0.3, 1.6])[:, None, None] + k * 0.9))
+    assert found[0, 0, :, 0].numpy() == pytest.approx((spectrum * waves).sum((1, 2)).real / 64)
+
+
+def test_correlation_s_gradient_is_its_derivative():
+    generator = torch.Generator().manual_seed(0)
+    a = torch.randn(1, 2, 2, 5, 5, generator=generator, dtype=torch.double, requires_grad=True)
+    b = torch.randn(1, 2, 5, 5, generator=generator, dtype=torch.double, requires_grad=True)
+    y, x = (torch.randn(1, 2, n, generator=generator, dtype=torch.double) for n in (3, 4))
+    assert torch.autograd.gradcheck(lambda a, b: correlation(a, b, y, x, 8), (a, b))
+
+
+def test_a_grid_turned_by_a_quarter_holds_at_p_what_was_at_the_quarter_back():
+    grid = torch.arange(16.0).reshape(1, 1, 4, 4)
+    found = turned(grid, torch.tensor([[0.0, math.pi / 2]]))
+    assert found[0, 0, 0].numpy() == pytest.approx(grid[0, 0].numpy())
+    # Rows grow with y: what was ahead on +x comes to lie on +y.
+    assert found[0, 0, 1].numpy() == pytest.approx(np.rot90(grid[0, 0].numpy(), -1), abs=1e-4)
+
+
+def test_pairs_do_not_meet_in_a_batch():
+    generator = torch.Generator().manual_seed(0)
+    a, b = (torch.randn(3, 2, 8, 8, generator=generator) for _ in range(2))
+    heading = torch.rand(3, 4, generator=generator)
+    slides = torch.arange(-2.0, 3.0).expand(3, 4, -1)
+    together = turned_correlation(a, b, heading, slides, slides, reach=2)
+    alone = turned_correlation(a[1:2], b[1:2], heading[1:2], slides[1:2], slides[1:2], reach=2)
+    assert together[1].numpy() == pytest.approx(alone[0].numpy(), abs=1e-4)
+
+
+@pytest.mark.parametrize(("cells", "size"), [(96, 96), (97, 128), (128, 128), (129, 192), (1, 1), (5, 6)])
+def test_fft_size_is_the_least_quick_one(cells, size):
+    assert fft_size(cells) == size
+
+
+def test_walls_that_are_correlated_peak_at_theta():
+    matcher, window = wall_matcher(), window_of(THETA)
+    features = matcher.features(torch.from_numpy(window.cells)[None])
+    headings = torch.deg2rad(torch.arange(-45.0, 46.0, 3.0))[None]
+    scores = matcher.coarse_scores(features, headings, 14)[0]
+    h, y, x = np.unravel_index(int(scores.argmax()), scores.shape)
+    assert headings[0, h] == pytest.approx(THETA.yaw_rad)
+    assert 0.2 * (x - 14) == pytest.approx(THETA.x_m, abs=0.11)
+    assert 0.2 * (y - 14) == pytest.approx(THETA.y_m, abs=0.11)
+
+
+def test_fine_and_coarse_scores_peak_at_the_same_place():
+    matcher, window = wall_matcher(), window_of(THETA)
+    features = matcher.features(torch.from_numpy(window.cells)[None])
+    headings = THETA.yaw_rad + torch.deg2rad(torch.arange(-3.0, 3.5, 1.0))[None]
+    offsets = 0.04 * torch.arange(-8.0, 9.0)
+    y_m, x_m = ((centre + offsets).expand(1, 7, -1) for centre in (THETA.y_m, THETA.x_m))
+    scores = matcher.fine_scores(features, headings, y_m, x_m)[0]
+    h, y, x = np.unravel_index(int(scores.argmax()), scores.shape)
+    assert h == 3
+    assert max(abs(offsets[y]), abs(offsets[x])) < 0.05
+
+
+@pytest.mark.parametrize(
+    "theta", [SE2.identity(), THETA, SE2(-2.3, 1.9, -0.75)], ids=["none", "one way", "the other way"]
+)
+def test_estimator_finds_theta_in_the_default_search(theta):
+    estimate = MatcherEstimator(model=wall_matcher())(window_of(theta))
+    assert is_near(estimate.theta, theta, within_m=0.05, within_deg=0.5)
+    assert np.linalg.eigvalsh(estimate.covariance).min() > 0.0
+    assert not estimate.ambiguous
+
+
+@pytest.mark.parametrize("yaw_deg", [-178.9, 120.0, 180.0])
+def test_estimator_searches_all_headings_and_four_metres(yaw_deg):
+    theta = SE2(3.7, -3.2, math.radians(yaw_deg))
+    search = SearchRange(xy_m=4.0, yaw_rad=math.pi)
+    posterior = MatcherEstimator(model=wall_matcher(), search=search).posterior(window_of(theta))
+    assert posterior.coarse.headings_rad.size == 120
+    assert is_near(posterior.best().mean, theta, within_m=0.05, within_deg=0.5)
+
+
+def test_masses_and_what_is_left_sum_to_one():
+    posterior = MatcherEstimator(model=SMALL.build().eval()).posterior(window_of(THETA))
+    assert posterior.masses.sum() + np.exp(posterior.rest.log_p_HYX).sum() == pytest.approx(1.0)
+    assert len(posterior.pieces) == 3
+    assert (np.diff(posterior.masses) <= 0.0).all()
+
+
+def test_an_untrained_matcher_says_that_it_does_not_know():
+    torch.manual_seed(0)
+    assert MatcherEstimator(model=SMALL.build().eval())(window_of(THETA)).ambiguous
+
+
+def test_a_prior_chooses_between_a_map_and_its_half_turn():
+    """A scene that looks the same upside down: the prior alone can tell."""
+    cells = window_of(SE2.identity()).cells[0]
+    both_ways = np.maximum(cells, cells[::-1, ::-1])
+    window = MapWindow(cells=np.stack([both_ways, both_ways]), cell_m=0.1)
+    search = SearchRange(xy_m=1.0, yaw_rad=math.pi)
+    wide = np.diag([0.5, 0.5, 0.3]) ** 2
+    assert MatcherEstimator(model=wall_matcher(), search=search)(window).ambiguous
+    for yaw_rad in (0.1, math.pi - 0.1):
+        prior = Gaussian(mean=SE2(0.0, 0.0, yaw_rad), covariance=wide)
+        estimate = MatcherEstimator(model=wall_matcher(), search=search, prior=prior)(window)
+        assert not estimate.ambiguous
+        truth = SE2(0.0, 0.0, round(yaw_rad / math.pi) * math.pi)
+        assert is_near(estimate.theta, truth, within_m=0.02, within_deg=0.5)
+
+
+def test_a_map_with_nothing_in_the_window_gives_no_estimate():
+    window = window_of(THETA)
+    empty = MapWindow(cells=window.cells * np.array([1, 0], np.uint8)[:, None, None], cell_m=0.1)
+    estimate = MatcherEstimator(model=wall_matcher())(empty)
+    assert estimate.theta is None
+    assert "nothing known" in estimate.reason
+
+
+def test_features_are_zero_far_from_what_is_known():
+    cells = torch.zeros(1, 1, 192, 192, dtype=torch.uint8)
+    cells[..., 90:96, 90:96] = OCCUPIED_CELL
+    features = SMALL.build().features(cells.expand(1, 2, -1, -1))
+    assert features.coarse_BMFYX.abs().sum() > 0.0
+    assert features.coarse_BMFYX[..., :41, :].abs().max() == 0.0
+    assert features.fine_BMFYX[..., : 2 * 41, :].abs().max() == 0.0
+
+
+def batch_of(count: int, *, seed: int = 0) -> dict[str, Tensor]:
+    rng = np.random.default_rng(seed)
+    thetas = rng.uniform(-1.0, 1.0, (count, 3)) * [2.0, 2.0, math.pi / 4]
+    cells = [window_of(SE2.from_array(theta), seed=i).cells for i, theta in enumerate(thetas)]
+    return {"cells": torch.from_numpy(np.stack(cells)), "theta": torch.from_numpy(thetas).float()}
+
+
+def test_the_loss_is_lower_for_the_true_theta_than_for_another():
+    matcher, batch = wall_matcher(), batch_of(3)
+    with torch.no_grad():
+        true, parts = matcher.loss(batch)
+        other, _ = matcher.loss({**batch, "theta": batch["theta"] + torch.tensor([0.5, 0.0, 0.0])})
+        turned_away, _ = matcher.loss({**batch, "theta": batch["theta"] + torch.tensor([0.0, 0.0, 0.2])})
+    assert true < min(other, turned_away) - 2.0
+    assert parts["true_mass"] > 0.99
+    assert float(true) == pytest.approx(parts["coarse"] + parts["fine"], rel=1e-5)
+
+
+def test_the_loss_of_a_batch_is_always_the_same():
+    torch.manual_seed(0)
+    matcher, batch = SMALL.build(), batch_of(2)
+    with torch.no_grad():
+        first, again = matcher.loss(batch)[0], matcher.loss(batch)[0]
+    assert first == again
+
+
+def test_an_indifferent_matcher_s_loss_is_the_logarithm_of_the_volume():
+    matcher, batch = wall_matcher(), batch_of(1)
+    with torch.no_grad():
+        matcher.coarse_log_scale.fill_(-30.0)
+        matcher.fine_log_scale.fill_(-30.0)
+        _, parts = matcher.loss(batch)
+    # 120 headings of 3° go round, 3 of them a second time as corners; 45 x 45 translations of 0.2 m.
+    assert parts["coarse"] == pytest.approx(math.log(123 * 45**2), abs=1e-4)
+    assert parts["true_mass"] == pytest.approx(0.5, abs=1e-6)
+
+
+def test_a_frame_error_beyond_the_loss_is_refused():
+    batch = batch_of(1)
+    with pytest.raises(ConfigError, match=r"longer than 4\.4 m"):
+        SMALL.build().loss({**batch, "theta": batch["theta"] + 5.0})
+
+
+def test_every_weight_is_trained():
+    torch.manual_seed(0)
+    matcher = SMALL.build()
+    matcher.loss(batch_of(2))[0].backward()
+    assert [name for name, weight in matcher.named_parameters() if not weight.grad.abs().sum() > 0.0] == []
+
+
+@pytest.mark.slow
+def test_a_matcher_learns_to_find_theta():
+    torch.manual_seed(0)
+    matcher = SMALL.build()
+    optimiser = torch.optim.AdamW(matcher.parameters(), lr=5e-3)
+    for step in range(40):
+        optimiser.zero_grad()
+        matcher.loss(batch_of(4, seed=step % 4))[0].backward()
+        optimiser.step()
+    estimator = MatcherEstimator(model=matcher.eval())
+    batch = batch_of(4, seed=2)
+    for cells, theta in zip(batch["cells"].numpy(), batch["theta"].tolist(), strict=True):
+        estimate = estimator(MapWindow(cells=cells, cell_m=0.1))
+        assert is_near(estimate.theta, SE2.from_array(theta), within_m=0.2, within_deg=3.0)
+
+
+def test_a_config_goes_through_plain_values():
+    assert MatcherConfig.from_dict(SMALL.as_dict()) == SMALL
+    with pytest.raises(ConfigError, match="'depth'"):
+        MatcherConfig.from_dict({**SMALL.as_dict(), "depth": 3})
+
+
+def test_a_config_that_makes_no_sense_is_refused():
+    with pytest.raises(ConfigError, match="fine_factor is 3"):
+        MatcherConfig(fine_factor=3)
+    with pytest.raises(ConfigError, match="divide the circle"):
+        MatcherConfig(heading_step_rad=0.05)
+
+
+def test_windows_of_other_cells_are_refused():
+    with pytest.raises(ConfigError, match=r"cells of 0\.1 m; this one takes cells of 0\.05 m"):
+        MatcherEstimator(model=MatcherConfig().build())(window_of(THETA))
