@@ -65,6 +65,10 @@ class SearchRange:
         return SearchRange(xy_m=math.sqrt(2.0) * xy_m, yaw_rad=yaw_rad)
 
 
+DEFAULT_SEARCH = SearchRange.covering(xy_m=2.0, yaw_rad=math.pi / 4)
+"""Covers frame errors of ±2 m, ±2 m, ±π/4: the paper's range, as far as its table lets one infer it."""
+
+
 def map_window(
     grid_0: OccupancyGrid,
     grid_1: OccupancyGrid,

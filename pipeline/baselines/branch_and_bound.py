@@ -1,0 +1,144 @@
+"""The best cell of a correlation, provably, without scoring every cell.
+
+Branch and bound for correlative scan matching (Olson, "M3RSM: Many-to-many multi-resolution scan matching",
+ICRA 2015; Hess et al., "Real-time loop closure in 2D lidar SLAM", ICRA 2016): a block of shifts can score at
+most the sum, over the walls, of the field's maximum over that block. Blocks are opened best bound first, and
+the search ends where the next bound is below the best score.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numba as nb
+import numpy as np
+
+from pipeline.baselines.correlation import BLOCK, LANES, Correlation, Field, Points, Scores
+from pipeline.geometry.occupancy_grid import Mask
+from pipeline.geometry.se2 import wrap_angle
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ScoredCell:
+    """A cell of a correlation.
+
+    Attributes:
+        score: in units of SCORE_SCALE.
+        heading, row, col: indices as `Correlation.scores` takes them.
+    """
+
+    score: int
+    heading: int
+    row: int
+    col: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Apart:
+    """All cells but those around one: farther in heading, or by more cells along rows or columns."""
+
+    centre: ScoredCell
+    yaw_rad: float
+    cells: int
+
+    def mask(self, correlation: Correlation, heading: int, rows: range, cols: range) -> Mask:
+        """(R, C) bool of the shifts at these rows and columns."""
+        headings_rad = correlation.headings_rad
+        turn_rad = wrap_angle(float(headings_rad[heading] - headings_rad[self.centre.heading]))
+        if abs(turn_rad) > self.yaw_rad:
+            return np.ones((len(rows), len(cols)), np.bool_)
+        far_rows = np.abs(np.array(rows) - self.centre.row) > self.cells
+        far_cols = np.abs(np.array(cols) - self.centre.col) > self.cells
+        return far_rows[:, None] | far_cols[None, :]
+
+
+def block_bounds(correlation: Correlation) -> Scores:
+    """(H, B, B) int32: no shift in block (row, col) of BLOCK x BLOCK shifts scores more than this."""
+    blocks = -(-(2 * correlation.reach + 1) // BLOCK)
+    wide = LANES * -(-blocks // LANES)  # the processor adds that many at once
+    bounds = np.zeros((len(correlation.headings_rad), blocks, wide), np.int32)
+    maxima_0 = _block_maxima(correlation.field_0)
+    for bound, walls_1, field_1 in zip(bounds, correlation.walls_1, correlation.fields_1, strict=True):
+        _add_bounds_in_place(bound, maxima_0, walls_1)
+        _add_bounds_in_place(bound, _block_maxima(field_1), correlation.walls_0)
+    return bounds[:, :, :blocks]
+
+
+def best_cell(
+    correlation: Correlation, bounds: Scores, *, above: int = 0, apart: Apart | None = None
+) -> ScoredCell | None:
+    """The cell of the highest score; of equal ones the first by heading, then row, then column.
+
+    Args:
+        correlation: the scores.
+        bounds: their `block_bounds`.
+        above: only cells that score more than this; None if there are none.
+        apart: only cells that are apart from another one.
+    """
+    best: ScoredCell | None = None
+    least = above + 1
+    open_blocks = np.flatnonzero(bounds.ravel() >= least)
+    order = open_blocks[np.argsort(-bounds.ravel()[open_blocks], kind="stable")]
+    for heading, row, col in zip(*(i.tolist() for i in np.unravel_index(order, bounds.shape)), strict=True):
+        if bounds[heading, row, col] < least:
+            break
+        cell = _best_of_block(correlation, heading, row, col, apart)
+        if cell is not None and (cell.score > least or (cell.score == least and _is_before(cell, best))):
+            best, least = cell, cell.score
+    return best
+
+
+def _is_before(cell: ScoredCell, other: ScoredCell | None) -> bool:
+    return other is None or (cell.heading, cell.row, cell.col) < (other.heading, other.row, other.col)
+
+
+def _best_of_block(
+    correlation: Correlation, heading: int, row: int, col: int, apart: Apart | None
+) -> ScoredCell | None:
+    """The first best cell of a block, of those that the range and `apart` leave."""
+    shifts = 2 * correlation.reach + 1
+    rows = range(row * BLOCK, min((row + 1) * BLOCK, shifts))
+    cols = range(col * BLOCK, min((col + 1) * BLOCK, shifts))
+    scores = correlation.scores(heading, rows[0], cols[0], len(rows), len(cols))
+    if apart is not None:
+        mask = apart.mask(correlation, heading, rows, cols)
+        if not mask.any():
+            return None
+        scores = np.where(mask, scores, np.iinfo(np.int32).min)
+    at_row, at_col = divmod(int(scores.argmax()), len(cols))
+    score = int(scores[at_row, at_col])
+    return ScoredCell(score=score, heading=heading, row=rows[at_row], col=cols[at_col])
+
+
+@nb.njit(cache=True)
+def _block_maxima(field: Field) -> Field:
+    """(S, BLOCK, S / BLOCK): the largest of the BLOCK x BLOCK values from (row, col) on, at
+    [row, col % BLOCK, col // BLOCK], so that steps of a whole block along a row lie side by side."""
+    size = field.shape[0]
+    maxima = field.copy()
+    for reach in (1, 2):  # of 2 x 2 values, then of 4 x 4
+        for row in range(size - reach):
+            line, below = maxima[row], maxima[row + reach]
+            for col in range(size):
+                line[col] = max(line[col], below[col])
+            for col in range(size - reach):
+                line[col] = max(line[col], line[col + reach])
+    out = np.empty((size, BLOCK, size // BLOCK), np.int16)
+    for row in range(size):
+        for phase in range(BLOCK):
+            side_by_side, line = out[row, phase], maxima[row]
+            for block in range(size // BLOCK):
+                side_by_side[block] = line[block * BLOCK + phase]
+    return out
+
+
+@nb.njit(cache=True)
+def _add_bounds_in_place(bounds: Scores, maxima: Field, points: Points) -> None:
+    rows, cols = bounds.shape
+    for i in range(len(points)):
+        row, phase, block = points[i, 0], points[i, 1] % BLOCK, points[i, 1] // BLOCK
+        for a in range(rows):
+            line, total = maxima[row + a * BLOCK, phase, block : block + cols], bounds[a]
+            for start in range(0, cols, LANES):
+                for b in range(start, start + LANES):
+                    total[b] += line[b]

@@ -1,0 +1,85 @@
+import math
+
+import numpy as np
+import pytest
+
+from pipeline.alignment.frame_error import pose_difference
+from pipeline.alignment.window import FREE_CELL, OCCUPIED_CELL, MapWindow, SearchRange
+from pipeline.baselines.correlative import CorrelativeSearch
+from pipeline.geometry.se2 import SE2
+from tests.baselines.windows import real_window, window_with, without_walls
+
+
+def assert_near(theta_hat: SE2 | None, theta: SE2, *, within_m: float, within_deg: float) -> None:
+    assert theta_hat is not None
+    error = pose_difference(theta_hat, theta)
+    assert math.hypot(error.x_m, error.y_m) < within_m
+    assert abs(error.yaw_rad) < math.radians(within_deg)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_it_finds_any_frame_error_of_the_papers_range(seed: int):
+    rng = np.random.default_rng(seed)
+    # Uniform in its components, in the axes of m0; the window turned by any angle.
+    T_c_w = SE2(0.0, 0.0, rng.uniform(-math.pi, math.pi))
+    theta = SE2(*rng.uniform(-2.0, 2.0, 2), rng.uniform(-math.pi / 4, math.pi / 4))
+    theta_w = T_c_w.inverse() @ theta @ T_c_w
+    window = window_with(theta_w, plan=seed % 4, turn_rad=T_c_w.yaw_rad)
+    estimate = CorrelativeSearch()(window)
+    assert_near(estimate.theta, theta_w, within_m=0.03, within_deg=0.5)
+    assert not estimate.ambiguous
+    assert_near(CorrelativeSearch(subcell=False)(window).theta, theta_w, within_m=0.15, within_deg=1.5)
+
+
+def test_with_every_heading_it_finds_a_robot_seen_back_to_front():
+    theta = SE2(1.2, -0.8, math.radians(175.0))
+    search = CorrelativeSearch(search=SearchRange(xy_m=2.0, yaw_rad=math.pi))
+    assert_near(search(window_with(theta)).theta, theta, within_m=0.03, within_deg=0.5)
+
+
+def test_its_covariance_covers_its_error():
+    for seed in range(4):
+        theta = SE2(*np.random.default_rng(seed).uniform(-0.7, 0.7, 3))
+        estimate = CorrelativeSearch()(window_with(theta, plan=seed))
+        assert estimate.theta is not None
+        assert estimate.covariance is not None
+        error = pose_difference(estimate.theta, theta).as_array()
+        assert error @ np.linalg.solve(estimate.covariance, error) < 11.3  # 99 % of chi-squared of 3
+        assert np.sqrt(np.diag(estimate.covariance)).max() < 0.05
+
+
+@pytest.mark.parametrize("channel", [0, 1])
+def test_a_map_without_walls_is_a_failure_that_says_so(channel: int):
+    estimate = CorrelativeSearch()(without_walls(window_with(SE2.identity()), channel))
+    assert estimate.theta is None
+    assert estimate.reason == f"map {channel} has no walls in the window"
+
+
+def test_walls_that_no_motion_brings_together_are_a_failure_that_says_so():
+    cells = np.full((2, 384, 384), FREE_CELL, np.uint8)
+    cells[0, 40, 40], cells[1, 340, 340] = OCCUPIED_CELL, OCCUPIED_CELL
+    estimate = CorrelativeSearch()(MapWindow(cells=cells, cell_m=0.05))
+    assert estimate.theta is None
+    assert "no motion in the range" in estimate.reason
+
+
+def test_evenly_spaced_walls_are_ambiguous():
+    cells = np.zeros((2, 384, 384), np.uint8)
+    cells[:, 40:344, 40:344] = FREE_CELL
+    cells[:, 40:344:30, 40:344] = OCCUPIED_CELL
+    estimate = CorrelativeSearch()(MapWindow(cells=cells, cell_m=0.05))
+    assert estimate.theta is not None
+    assert estimate.ambiguous
+
+
+def test_a_window_at_the_cell_of_the_search_is_not_pooled():
+    theta = SE2(0.5, -0.4, 0.3)
+    assert_near(CorrelativeSearch()(window_with(theta).pooled(2)).theta, theta, within_m=0.08, within_deg=1.0)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_it_agrees_with_the_registration_of_the_real_pair(real_data, seed: int):
+    rng = np.random.default_rng(seed)
+    theta = SE2(*rng.uniform(-1.4, 1.4, 2), rng.uniform(-0.7, 0.7))
+    estimate = CorrelativeSearch()(real_window(real_data, theta, turn_rad=rng.uniform(-3.0, 3.0)))
+    assert_near(estimate.theta, theta, within_m=0.3, within_deg=3.0)

@@ -1,0 +1,85 @@
+import math
+
+import numpy as np
+import pytest
+from pytest import approx
+
+from pipeline.alignment.frame_error import pose_difference
+from pipeline.alignment.window import DEFAULT_SEARCH, FREE_CELL, OCCUPIED_CELL, MapWindow, SearchRange
+from pipeline.baselines.hough import HoughSpectrum, agreement
+from pipeline.geometry.se2 import SE2
+from tests.baselines.windows import real_window, window_with, without_walls
+
+IN_RANGE = HoughSpectrum(search=DEFAULT_SEARCH)
+
+
+def error_of(theta_hat: SE2 | None, theta: SE2) -> tuple[float, float]:
+    """Distance [m], angle [degrees]."""
+    assert theta_hat is not None
+    error = pose_difference(theta_hat, theta)
+    return math.hypot(error.x_m, error.y_m), abs(math.degrees(error.yaw_rad))
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_in_range_it_finds_the_motion_between_maps_of_rooms(seed: int):
+    rng = np.random.default_rng(seed)
+    theta = SE2(*rng.uniform(-1.4, 1.4, 2), rng.uniform(-math.pi / 4, math.pi / 4))
+    window = window_with(theta, plan=seed % 4, turn_rad=rng.uniform(-3.0, 3.0))
+    distance_m, angle_deg = error_of(IN_RANGE(window).theta, theta)
+    assert distance_m < 0.12
+    assert angle_deg < 1.5
+
+
+def test_everywhere_it_finds_a_map_turned_onto_itself():
+    window = window_with(SE2.identity())
+    house = window.cells[0]
+    moved = np.roll(np.rot90(house, k=1), (12, -8), axis=(0, 1))  # a quarter turn clockwise, seen with y up
+    theta_hat = HoughSpectrum()(MapWindow(cells=np.stack([house, moved]), cell_m=0.05)).theta
+    assert theta_hat is not None
+    assert theta_hat.as_array() == approx([-0.4, 0.6, -math.pi / 2], abs=0.025)  # half a cell
+
+
+def test_the_robust_variant_also_tries_the_headings_beside_each_candidate():
+    window = window_with(SE2(0.3, 0.2, math.radians(9.0)))
+    headings_deg = []
+    for robust_rad in (0.0, math.radians(1.0)):  # bins of 4 degrees
+        theta = HoughSpectrum(search=DEFAULT_SEARCH, directions=90, robust_rad=robust_rad)(window).theta
+        assert theta is not None
+        headings_deg.append(math.degrees(theta.yaw_rad))
+    assert headings_deg == approx([8.0, 9.0])
+
+
+def test_agreement_counts_the_cells_that_both_maps_know():
+    cells = np.zeros((2, 4, 4), np.uint8)
+    cells[0, 0, :3] = FREE_CELL, OCCUPIED_CELL, FREE_CELL
+    cells[1, 0, 1:] = OCCUPIED_CELL, OCCUPIED_CELL, FREE_CELL
+    window = MapWindow(cells=cells, cell_m=0.1)
+    assert agreement(window, SE2.identity()) == approx(1 / 2)
+    assert agreement(window, SE2(0.1, 0.0, 0.0)) == approx(2 / 3)
+    assert agreement(window, SE2(0.0, 0.2, 0.0)) == 0.0
+
+
+def test_outside_of_its_headings_it_fails_and_says_so():
+    narrow = HoughSpectrum(search=SearchRange(xy_m=1.0, yaw_rad=math.radians(3.0)))
+    estimate = narrow(window_with(SE2(0.0, 0.0, math.radians(30.0))))
+    assert estimate.theta is None
+    assert estimate.reason == "the spectra agree at no heading in the range"
+
+
+@pytest.mark.parametrize("channel", [0, 1])
+def test_a_map_without_walls_is_a_failure_that_says_so(channel: int):
+    estimate = HoughSpectrum()(without_walls(window_with(SE2.identity()), channel))
+    assert estimate.theta is None
+    assert estimate.reason == f"map {channel} has no walls in the window"
+
+
+def test_in_range_it_agrees_with_the_registration_of_the_real_pair(real_data):
+    for theta in (SE2(1.0, -0.5, 0.4), SE2(-1.3, 0.9, -0.6), SE2(0.2, 1.4, 0.1)):
+        distance_m, angle_deg = error_of(IN_RANGE(real_window(real_data, theta)).theta, theta)
+        assert distance_m < 0.3
+        assert angle_deg < 3.5
+
+
+def test_its_names_tell_the_two_apart():
+    assert HoughSpectrum().name == "Hough spectrum"
+    assert IN_RANGE.name == "Hough spectrum, in range"
