@@ -26,8 +26,14 @@ from pipeline.errors import ConfigError
 from pipeline.models import lie
 
 TOKENS_PER_SIDE = 12
-WEIGHTS_STD, POSITIONS_STD = 0.02, 0.02
-"""Standard deviations of fresh linear weights and class token, and of fresh positions."""
+WEIGHTS_STD, POSITIONS_STD = 0.02, 0.5
+"""Standard deviations of fresh linear weights and class token, and of fresh positions.
+
+Positions as faint as the weights are usual, but left a small transformer stuck at times: after 72 steps on
+eight windows, over four seeds, its loss was 0.02 to 1.24 at a rate of 3e-4 and 0.16 to 1.34 at 1e-3, against
+0.11 to 0.35 and 0.05 to 0.17 with these. (At 3e-4 the faint ones were ahead on three of the four seeds. The
+error on unseen maps was not compared.)
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
