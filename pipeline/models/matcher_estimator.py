@@ -40,14 +40,14 @@ class MatcherEstimator:
     Attributes:
         model: in evaluation mode; works where its weights are.
         search: where to look for θ.
-        prior: what is known of θ before looking at the maps, in w.
+        priors: what is known of θ before looking at the maps, in w; several are a mixture in equal parts.
         peaks: how many peaks of the coarse volume are looked at closely.
         least_mass: an estimate is ambiguous where its peak has less probability than this.
     """
 
     model: Matcher
     search: SearchRange = DEFAULT_SEARCH
-    prior: Gaussian | None = None
+    priors: tuple[Gaussian, ...] = ()
     peaks: int = 3
     least_mass: float = 0.9
 
@@ -139,8 +139,8 @@ class MatcherEstimator:
     def _volume(self, headings: Array, ys_m: Array, xs_m: Array, scores_BHYX: Tensor) -> Posterior:
         """One pair's scores with the prior multiplied in."""
         log_p = scores_BHYX[0].double().cpu().numpy()
-        if self.prior is not None:
-            log_p = log_p + log_prior(self.prior, headings, ys_m, xs_m)
+        if self.priors:
+            log_p = log_p + log_prior(self.priors, headings, ys_m, xs_m)
         return Posterior(headings_rad=headings, ys_m=ys_m, xs_m=xs_m, log_p_HYX=log_p)
 
     def _tensor(self, values: Array) -> Tensor:

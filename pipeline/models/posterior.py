@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.alignment.window import SearchRange
 from pipeline.geometry.se2 import SE2, Array, wrap_angle
 
 Box = tuple[float, float]
@@ -36,6 +37,15 @@ class Gaussian:
 
     mean: SE2
     covariance: Array
+
+    def search(self, *, sigmas: float = 3.5) -> SearchRange:
+        """The search around zero that reaches that many standard deviations from the mean."""
+        R = SE2(0.0, 0.0, self.mean.yaw_rad).matrix()
+        x, y, yaw = np.sqrt(np.diag(R @ self.covariance @ R.T)) * sigmas
+        return SearchRange(
+            xy_m=float(max(abs(self.mean.x_m) + x, abs(self.mean.y_m) + y)),
+            yaw_rad=min(math.pi, abs(wrap_angle(self.mean.yaw_rad)) + float(yaw)),
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -154,10 +164,15 @@ class Posterior:
         y, x = np.abs(self.ys_m - theta.y_m).argmin(), np.abs(self.xs_m - theta.x_m).argmin()
         return float(self.log_p_HYX[turn, y, x])
 
-    def times_prior(self, prior: Gaussian) -> Posterior:
-        """This posterior times a normal prior, normalised again; the heading's difference is wrapped."""
-        log_p = self.log_p_HYX + log_prior(prior, self.headings_rad, self.ys_m, self.xs_m)
-        return replace(self, log_p_HYX=log_p - log_sum_exp(log_p))
+    def times_prior(self, *priors: Gaussian) -> Posterior:
+        """This posterior times a normal prior, normalised again.
+
+        Args:
+            priors: several stand for their mixture in equal parts: a pose estimator that may have seen the
+                robot the wrong way round, say.
+        """
+        log_p = self.log_p_HYX + log_prior(priors, self.headings_rad, self.ys_m, self.xs_m)
+        return replace(self, log_p_HYX=log_p).normalised()
 
     def without(self, theta: SE2, *, box: Box = PEAK_BOX) -> Posterior:
         """What is left outside the box around θ, not normalised again."""
@@ -175,14 +190,19 @@ class Posterior:
         )
 
 
-def log_prior(prior: Gaussian, headings_rad: Array, ys_m: Array, xs_m: Array) -> Array:
-    """(H, Y, X): log of a normal prior at each cell of a grid, but for a constant."""
-    x = xs_m - prior.mean.x_m
-    y = ys_m[:, None] - prior.mean.y_m
-    c, s = math.cos(prior.mean.yaw_rad), math.sin(prior.mean.yaw_rad)
-    turn = _wrapped(headings_rad - prior.mean.yaw_rad)[:, None, None]
-    d = np.stack(np.broadcast_arrays(c * x + s * y, c * y - s * x, turn), -1)
-    return -0.5 * np.einsum("...i,ij,...j->...", d, np.linalg.inv(prior.covariance), d)
+def log_prior(priors: Sequence[Gaussian], headings_rad: Array, ys_m: Array, xs_m: Array) -> Array:
+    """(H, Y, X): log of the mean of normal densities at each cell of a grid, but for a constant."""
+    logs = []
+    for prior in priors:
+        x = xs_m - prior.mean.x_m
+        y = ys_m[:, None] - prior.mean.y_m
+        c, s = math.cos(prior.mean.yaw_rad), math.sin(prior.mean.yaw_rad)
+        turn = _wrapped(headings_rad - prior.mean.yaw_rad)[:, None, None]
+        d = np.stack(np.broadcast_arrays(c * x + s * y, c * y - s * x, turn), -1)
+        square = np.einsum("...i,ij,...j->...", d, np.linalg.inv(prior.covariance), d)
+        logs.append(-0.5 * (square + np.linalg.slogdet(prior.covariance)[1]))
+    total: Array = np.logaddexp.reduce(logs)
+    return total
 
 
 def _hat(axis: Array, value: float, step: float, *, circle: bool) -> tuple[NDArray[np.int64], Array]:

@@ -175,7 +175,7 @@ def test_a_prior_chooses_between_a_map_and_its_half_turn():
     assert MatcherEstimator(model=wall_matcher(), search=search)(window).ambiguous
     for yaw_rad in (0.1, math.pi - 0.1):
         prior = Gaussian(mean=SE2(0.0, 0.0, yaw_rad), covariance=wide)
-        estimate = MatcherEstimator(model=wall_matcher(), search=search, prior=prior)(window)
+        estimate = MatcherEstimator(model=wall_matcher(), search=search, priors=(prior,))(window)
         assert not estimate.ambiguous
         truth = SE2(0.0, 0.0, round(yaw_rad / math.pi) * math.pi)
         assert is_near(estimate.theta, truth, within_m=0.02, within_deg=0.5)

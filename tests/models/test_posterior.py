@@ -23,10 +23,7 @@ def grid_of(*gaussians: tuple[float, Gaussian], half_yaw_rad: float = 0.8, circl
     )
     ys_m, xs_m = np.linspace(-1.2, 1.2, 61), np.linspace(-1.6, 1.6, 81)
     p = sum(
-        weight
-        * np.exp(log_prior(gaussian, headings_rad, ys_m, xs_m))
-        / math.sqrt(np.linalg.det(gaussian.covariance))
-        for weight, gaussian in gaussians
+        weight * np.exp(log_prior([gaussian], headings_rad, ys_m, xs_m)) for weight, gaussian in gaussians
     )
     return Posterior(
         headings_rad=headings_rad, ys_m=ys_m, xs_m=xs_m, log_p_HYX=np.log(p + 1e-300)
@@ -157,3 +154,22 @@ def test_a_refined_posterior_weighs_its_pieces():
     density = 0.75 * math.exp(close.log_density(theta)) + 0.25 * math.exp(other.log_density(theta))
     assert math.exp(refined.log_density(theta)) == pytest.approx(density)
     assert refined.best().mean.as_array() == pytest.approx([0.2, 0.1, 0.1], abs=1e-3)
+
+
+def test_several_priors_are_a_mixture_in_equal_parts():
+    flat = grid_of((1.0, Gaussian(mean=SE2.identity(), covariance=1e6 * np.eye(3))))
+    tight, wide = np.diag([0.004, 0.004, 0.0004]), np.diag([0.01, 0.01, 0.001])
+    posterior = flat.times_prior(
+        Gaussian(mean=SE2(0.8, 0.4, 0.4), covariance=tight),
+        Gaussian(mean=SE2(-0.8, -0.4, -0.2), covariance=wide),
+    )
+    assert [mode.mass for mode in posterior.modes(2)] == pytest.approx([0.5, 0.5], abs=1e-3)
+
+
+def test_a_prior_s_search_reaches_its_tails_wherever_it_looks():
+    prior = Gaussian(mean=SE2(0.5, -1.0, math.pi / 2), covariance=np.diag([0.3, 0.1, 0.2]) ** 2)
+    search = prior.search(sigmas=2.0)
+    # Its x axis looks along +y of the window.
+    assert search.xy_m == pytest.approx(1.0 + 0.6)
+    assert search.yaw_rad == pytest.approx(math.pi / 2 + 0.4)
+    assert Gaussian(mean=SE2(0.0, 0.0, 3.0), covariance=np.eye(3)).search().yaw_rad == math.pi
