@@ -79,5 +79,4 @@ def _half_over_tan_half(turn: Tensor) -> Tensor:
     square, small = turn * turn, turn.abs() < SMALL_TURN_RAD
     half = 0.5 * torch.where(small, 1.0, turn)
     series = 1.0 - square / 12.0 * (1.0 + square / 60.0 * (1.0 + square / 42.0))
-    # cos / sin, not 1 / tan: at a half turn the tangent is infinite, the cotangent zero.
     return torch.where(small, series, half * torch.cos(half) / torch.sin(half))

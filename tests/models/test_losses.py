@@ -180,6 +180,23 @@ def test_the_regulariser_pulls_on_the_estimate_through_the_warp() -> None:
     assert gradcheck(reg, at_13)
 
 
+@pytest.mark.parametrize("lie_algebra", [True, False])
+def test_both_answers_learn_from_the_regulariser(lie_algebra: bool) -> None:
+    theta = FRAME_ERRORS[2]
+    maps = torch.cat([smooth_grid(SE2.identity()), smooth_grid(theta.inverse())], dim=1)
+    scale = torch.ones(3, requires_grad=True)
+    first_13 = torch.tensor([[0.3, -0.2, 0.1]], requires_grad=True)
+
+    def network(grid_B2HW: Tensor) -> Tensor:
+        # The first answer as given, the second from what the maps have in common once map 0 is moved.
+        return first_13 if grid_B2HW is maps else scale * grid_B2HW.prod(dim=1).sum()[None, None]
+
+    loss = frame_error_loss(network, maps, pose(theta), lie_algebra=lie_algebra, omega=1.0, cell_m=CELL_M)
+    by_first_13, by_scale_3 = torch.autograd.grad(loss.reg, [first_13, scale])
+    assert by_first_13.abs().min() > 1e-3
+    assert by_scale_3.abs().min() > 1e-3
+
+
 def test_an_answer_of_exactly_zero_has_a_finite_gradient() -> None:
     answer_13 = torch.zeros(1, 3, requires_grad=True)
     network = Recorder(answer_13, answer_13)
