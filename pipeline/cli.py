@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import typer
 
-from pipeline.errors import ConfigError, PipelineError
+from pipeline.errors import ConfigError, PipelineError, SetupError
 
 if TYPE_CHECKING:
     from pipeline.engine import Run
@@ -110,6 +110,107 @@ _stage_command("explore", "Drive two robots through each plan until they meet.")
 _stage_command("render", "Take the picture of each sighting, and training images of the robot.")
 _stage_command("pack", "Publish sightings and images as a dataset, split by floor plan.")
 _stage_command("dataset", "All of the above, in order.")
+
+
+@app.command()
+def train(
+    model: Annotated[
+        str | None, typer.Option("--model", help="matcher, or a row of the paper's table: vit-reg-lie, ...")
+    ] = None,
+    minutes: Annotated[float | None, typer.Option("--minutes", help="How long to train.")] = None,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Go on from the folder's checkpoint, if there is one.")
+    ] = False,
+    out: Annotated[
+        Path | None, typer.Option("--out", help="Folder of checkpoint and weights; runs/MODEL by default.")
+    ] = None,
+    config: Config = "stages.yaml",
+    preset: Preset = "default",
+    overrides: Overrides = [],  # noqa: B006 - Typer reads the default, nothing writes it
+    data: Data = "data",
+    workers: Workers = CORES,
+    seed: Seed = None,
+) -> None:
+    """Train the frame-error estimator on the published pairs."""
+    given = {"model": model, "minutes": minutes}
+    named = [f"train.{key}={value}" for key, value in given.items() if value is not None]
+    run = _run(config, preset, [*overrides, *named], data, workers, seed, "local")
+    # Read when torch is imported: threads that wait for each other shall sleep. On a machine that also does
+    # something else, such as drawing samples, spinning makes a step up to twenty times slower.
+    os.environ.setdefault("OMP_WAIT_POLICY", "passive")
+    try:
+        from pipeline.stages.train import train as trained
+    except ModuleNotFoundError as error:
+        raise SetupError(
+            f"{error.name} is missing; `pip install 'rendezvous-fusion[learn]'` installs what training needs"
+        ) from error
+    trained(run, out=out, resume=resume)
+
+
+@app.command()
+def evaluate(
+    data: Data = "data",
+    split: Annotated[str, typer.Option("--split", help="train, validation or test.")] = "test",
+    count: Annotated[
+        int | None, typer.Option("--count", min=1, help="At most so many pairs; all by default.")
+    ] = None,
+    methods: Annotated[
+        str, typer.Option("--methods", help="identity,correlative,...; all that can run by default.")
+    ] = "",
+    weights: Annotated[
+        list[str],
+        typer.Option("--weights", metavar="NAME=PATH", help="Of a trained method; may be repeated."),
+    ] = [],  # noqa: B006 - Typer reads the default, nothing writes it
+    xy_range_m: Annotated[
+        float, typer.Option("--xy-range-m", help="Frame errors within ± this in x and y.")
+    ] = 2.0,
+    yaw_range_deg: Annotated[
+        float, typer.Option("--yaw-range-deg", help="Frame errors within ± this in heading.")
+    ] = 45.0,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Of the frame errors.")] = 0,
+    folder: Annotated[Path, typer.Option("--report", help="Folder of index.html, metrics.json.")] = Path(
+        "report"
+    ),
+    record: Annotated[
+        bool, typer.Option("--record", help="Keep the figures in assets/metrics, for later reports.")
+    ] = False,
+    records: Annotated[
+        Path | None, typer.Option("--records", help="Folder of kept figures, instead of assets/metrics.")
+    ] = None,
+    workers: Workers = CORES,
+) -> None:
+    """Measure how well frame errors are found, by every method, and write the report."""
+    from pipeline.stages.evaluate import RECORDS, Evaluation
+    from pipeline.stages.evaluate import evaluate as evaluated
+
+    page = evaluated(
+        Evaluation(
+            dataset=f"{_data_folder(data).rstrip('/')}/dataset",
+            split=split,
+            count=count,
+            methods=tuple(name.strip() for name in methods.split(",") if name.strip()),
+            weights=_named_paths("--weights", weights),
+            xy_range_m=xy_range_m,
+            yaw_range_deg=yaw_range_deg,
+            seed=seed,
+            folder=folder,
+            workers=workers,
+            records=records or RECORDS,
+            record=record,
+        )
+    )
+    print(page)
+
+
+def _named_paths(option: str, given: list[str]) -> dict[str, Path]:
+    """What an option names as NAME=PATH."""
+    found = {}
+    for item in given:
+        name, equals, path = item.partition("=")
+        if not (name and equals and path):
+            raise ConfigError(f"{option} is {item!r}; must be NAME=PATH")
+        found[name] = Path(path)
+    return found
 
 
 @app.command()

@@ -18,6 +18,7 @@ from pipeline.rendering.draws import PoseDraws
 from pipeline.store.records import dotted
 from pipeline.strict_section import Section, validated_section
 from pipeline.strict_yaml import load_file, load_value
+from pipeline.training.parameters import Optimisation, Sampling
 
 PositiveInt = Annotated[int, Field(ge=1)]
 Positive = Annotated[float, Field(gt=0)]
@@ -160,6 +161,32 @@ class PackSection(StageSection):
     test_fraction: SplitFraction
 
 
+class TrainSection(StageSection):
+    """How the frame-error estimator is trained.
+
+    Attributes:
+        model: `matcher`, or a row of the paper's Table I: `vit-reg-lie`, `cnn`, ...
+        settings: of the model's own configuration, those that are not to be the default.
+        minutes, samples: when training ends, whichever comes first; null for no such bound, but not both.
+        validations: how often the averaged weights are measured, evenly over the budget.
+        validation_pairs: with how many pairs.
+        checkpoint_every_s: how much a kill may cost.
+        sampling: what is drawn from each pair.
+        optimisation: batches, learning rate, precision.
+    """
+
+    upstream = ("pack",)
+    model: str
+    settings: dict[str, Any]
+    minutes: Positive | None
+    samples: PositiveInt | None
+    validations: PositiveInt
+    validation_pairs: PositiveInt
+    checkpoint_every_s: Positive
+    sampling: Sampling
+    optimisation: Optimisation
+
+
 class Parameters(Section):
     """The root seed and the sections of all stages, in flow order."""
 
@@ -169,6 +196,7 @@ class Parameters(Section):
     explore: ExploreSection
     render: RenderSection
     pack: PackSection
+    train: TrainSection
 
 
 class StageLinks(Section):
@@ -192,7 +220,7 @@ class Config:
     Attributes:
         seed: the root of every random stream.
         stages: what each stage reads and writes, in flow order.
-        floorplans, meshes, explore, render, pack: the stages' parameters.
+        floorplans, meshes, explore, render, pack, train: the stages' parameters.
     """
 
     seed: int
@@ -202,6 +230,7 @@ class Config:
     explore: ExploreSection
     render: RenderSection
     pack: PackSection
+    train: TrainSection
 
 
 def load_config(

@@ -44,13 +44,14 @@ def test_every_preset_loads(preset: str):
 
 def test_the_stages_are_in_flow_order_and_read_what_was_written_above():
     stages = load_config(STAGES_YAML).stages
-    assert list(stages) == ["floorplans", "meshes", "explore", "render", "pack"]
+    assert list(stages) == ["floorplans", "meshes", "explore", "render", "pack", "train"]
     assert [stage.reads for stage in stages.values()] == [
         (),
         ("floorplans",),
         ("meshes",),
         ("meshes", "explore"),
         ("explore", "render"),
+        ("pack",),
     ]
 
 
@@ -171,7 +172,7 @@ def test_a_stage_cannot_read_what_comes_after_it(tmp_path: Path):
     content["stages"] = dict(reversed(content["stages"].items()))
     path = tmp_path / "reversed.yaml"
     path.write_text(yaml.safe_dump(content, sort_keys=False))
-    assert "stages.pack.reads has 'explore'; the stages above it are none" in message_of(path=path)
+    assert "stages.train.reads has 'pack'; the stages above it are none" in message_of(path=path)
 
 
 @pytest.mark.parametrize("reads", ["[]", "[explore]", "[floorplans, explore]"])

@@ -20,19 +20,22 @@ _CROSS = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
 def bent(
     grid: OccupancyGrid, *, amplitude_m: float, resolution_m: float, rng: np.random.Generator
 ) -> OccupancyGrid:
-    """The map bent by smooth waves and drawn in cells of another size; no wall is lost.
+    """The map bent by smooth waves and drawn in cells of another size, which lie otherwise; no wall is lost.
 
     Waves run along each axis and move cells across it; their length is uniform from 2 m to 8 m, and their
-    amplitudes are uniform and sum to at most `amplitude_m`.
+    amplitudes are uniform and sum to at most `amplitude_m`. Where the new cells begin is uniform within an old
+    one: without that, a move of less than half a cell would change nothing.
     """
     ratio = resolution_m / grid.resolution_m
-    shape = tuple(max(1, math.ceil(n / ratio)) for n in grid.cells.shape)
-    moved = [
+    phase = rng.random(2)
+    shape = tuple(math.ceil((n + 1) / ratio) for n in grid.cells.shape)
+    row_moves, col_moves = (
         _waves(n, amplitude_m / grid.resolution_m, grid.resolution_m, rng) for n in reversed(grid.cells.shape)
-    ]
+    )
     cells = np.full(shape, UNKNOWN, np.uint8)
-    _resample_in_place(cells, grid.cells, ratio, moved[0], moved[1])
-    return OccupancyGrid(cells=cells, resolution_m=resolution_m, T_m_g=grid.T_m_g)
+    _resample_in_place(cells, grid.cells, ratio, row_moves + phase[0], col_moves + phase[1])
+    row_m, col_m = (-grid.resolution_m * phase).tolist()
+    return OccupancyGrid(cells=cells, resolution_m=resolution_m, T_m_g=grid.T_m_g @ SE2(col_m, row_m, 0.0))
 
 
 def _waves(cells: int, amplitude_cells: float, resolution_m: float, rng: np.random.Generator) -> Array:

@@ -27,6 +27,7 @@ COLUMNS = (
     "T_m0_m1_local",
     "overlap",
 )
+SPLIT_NAMES = ("train", "validation", "test")
 _SPLIT_FILE = re.compile(r"pairs/(train|validation|test)-[0-9]+-of-[0-9]+\.parquet")
 
 
@@ -129,6 +130,15 @@ def read_pairs(reader: StageReader, split: str) -> PairTable:
             f"must be a dataset with the splits that `rendezvous pack` writes"
         )
     return PairTable(split, pa.concat_tables(tables))
+
+
+def pairs_per_split(reader: StageReader) -> dict[str, int]:
+    """How many pairs each split of the published dataset has, as its manifest tells."""
+    counts = dict.fromkeys(SPLIT_NAMES, 0)
+    for shard in reader.shards():
+        if found := _SPLIT_FILE.fullmatch(shard.name):
+            counts[found[1]] += shard.rows
+    return counts
 
 
 def _numbers(column: pa.ChunkedArray) -> Array:

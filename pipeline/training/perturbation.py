@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.alignment.frame_error import frame_error, perturbed
-from pipeline.alignment.window import WINDOW_CELL_M, WINDOW_CELLS, MapWindow, map_window
+from pipeline.alignment.window import WINDOW_CELL_M, WINDOW_CELLS, MapWindow, SearchRange, map_window
 from pipeline.errors import require_within
 from pipeline.geometry.se2 import SE2
 from pipeline.seeds import stream
@@ -43,6 +43,14 @@ class PerturbationRange:
             wide_share=(0.0, 1.0),
             wide_xy_m=(0.0, 8.0),
             wide_yaw_rad=(0.0, math.pi),
+        )
+
+    def search(self) -> SearchRange:
+        """The search that reaches every frame error that can be drawn."""
+        wide = self.wide_share > 0.0
+        return SearchRange.covering(
+            xy_m=max(self.xy_m, self.wide_xy_m) if wide else self.xy_m,
+            yaw_rad=max(self.yaw_rad, self.wide_yaw_rad) if wide else self.yaw_rad,
         )
 
 

@@ -1,0 +1,205 @@
+"""Train the frame-error estimator on the published pairs, in one process or, under torchrun, in several."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from pipeline.config import TrainSection
+from pipeline.engine import Run
+from pipeline.errors import ConfigError, StoreError
+from pipeline.stages.train_processes import joined_processes
+from pipeline.stages.train_record import CHECKPOINT, Recorder
+from pipeline.store.disk import Disk
+from pipeline.store.records import digest_of
+from pipeline.training.checkpoint import read_checkpoint, restore_in_place
+from pipeline.training.data import TrainingBatches, training_loader, validation_batches
+from pipeline.training.loop import TrainingState, fit
+from pipeline.training.pairs import PairTable, pairs_per_split, read_pairs
+from pipeline.training.parameters import Budget
+from pipeline.training.processes import Processes
+from pipeline.training.registry import build_model
+
+_MAY_CHANGE = (
+    "minutes",
+    "samples",
+    "validations",
+    "validation_pairs",
+    "checkpoint_every_s",
+)
+"""What may be set otherwise when a run goes on: how long it lasts and how it is watched."""
+
+
+def train(run: Run, *, out: Path | None = None, resume: bool = False) -> Path:
+    """Train a model until its budget is spent.
+
+    Args:
+        run: the `train` section, where the data lies, and how many cores to use.
+        out: folder for checkpoint, weights, curve and TensorBoard's events; `runs/MODEL` by default.
+        resume: go on from the folder's checkpoint, if there is one.
+
+    Returns:
+        The folder.
+
+    Raises:
+        ConfigError: a setting is wrong, or is not what the checkpoint was begun with.
+        StoreError: the dataset or the checkpoint is missing or damaged, or the folder holds another run.
+    """
+    section, reader = run.config.train, run.read("pack")
+    folder = out or Path(run.config.stages["train"].writes) / section.model
+    pairs = {split: read_pairs(reader, split) for split in ("train", "validation")}
+    about = _about(run, pairs)
+    with joined_processes() as processes:
+        torch.set_num_threads(max(1, run.workers // processes.on_this_machine))
+        model = build_model(section.model, section.settings, section.sampling, seed=run.config.seed)
+        state = TrainingState.fresh(model.to(processes.device), section.optimisation)
+        _begin(state, Disk(str(folder)), about, resume=resume)
+        if processes.first:
+            _tell(run, pairs, pairs_per_split(reader), state, processes)
+        _fit(run, state, pairs, about, folder, processes)
+    return folder
+
+
+def _fit(
+    run: Run,
+    state: TrainingState,
+    pairs: Mapping[str, PairTable],
+    about: Mapping[str, Any],
+    folder: Path,
+    processes: Processes,
+) -> None:
+    section, seed = run.config.train, run.config.seed
+    batches = TrainingBatches(
+        pairs["train"],
+        section.sampling,
+        seed=seed,
+        batch_size=section.optimisation.batch_size,
+        rank=processes.rank,
+        processes=processes.count,
+    )
+    validation = validation_batches(
+        pairs["validation"], section.sampling, seed=seed, count=section.validation_pairs, batch_size=16
+    )
+    loader = training_loader(
+        batches,
+        first_step=state.step,
+        workers=_loader_workers(run.workers // processes.on_this_machine),
+        pin_memory=processes.device.type == "cuda",
+    )
+    with Recorder(
+        folder=folder,
+        about=about,
+        section=section,
+        budget=_budget(section),
+        validation=validation,
+        processes=processes,
+        console=run.console,
+        seed=seed,
+    ) as recorder:
+        fit(
+            state,
+            loader,
+            section.optimisation,
+            _budget(section),
+            seed=seed,
+            processes=processes,
+            observer=recorder,
+            clock=time.monotonic,
+        )
+        recorder.finish(state)
+
+
+def _about(run: Run, pairs: Mapping[str, PairTable]) -> dict[str, Any]:
+    """What is trained on what: the part of a checkpoint that does not change."""
+    section = run.config.train
+    return {
+        "model": section.model,
+        "settings": dict(section.settings),
+        "sampling": asdict(section.sampling),
+        "parameters": section.parameters(exclude=_MAY_CHANGE),
+        "seed": run.config.seed,
+        "data": {
+            "folder": run.folder("pack"),
+            "digest": digest_of({split: table.digest() for split, table in pairs.items()}),
+            "pairs": {split: len(table) for split, table in pairs.items()},
+            "plans": {split: table.plans() for split, table in pairs.items()},
+            "seeds": sorted({seed for table in pairs.values() for seed in table.seeds()}),
+        },
+        "torch": torch.__version__,
+    }
+
+
+def _begin(state: TrainingState, disk: Disk, about: Mapping[str, Any], *, resume: bool) -> None:
+    """Bring the state to the folder's checkpoint, if it shall go on from there.
+
+    Raises:
+        StoreError: the folder holds a run that shall not go on, or its checkpoint is damaged.
+        ConfigError: the checkpoint was begun with other settings or data.
+    """
+    where = disk.shown(CHECKPOINT)
+    if disk.size(CHECKPOINT) is None:
+        return
+    if not resume:
+        raise StoreError(
+            f"{where}: a run is here already; --resume goes on with it, --out names another folder"
+        )
+    checkpoint = read_checkpoint(disk.read(CHECKPOINT), where=where)
+    _check_same(checkpoint.record, about, where)
+    restore_in_place(state, checkpoint, where=where)
+
+
+def _check_same(record: Mapping[str, Any], about: Mapping[str, Any], where: str) -> None:
+    begun = {**record["parameters"], "seed": record["seed"], "data": record["data"]["digest"][:12]}
+    now = {**about["parameters"], "seed": about["seed"], "data": about["data"]["digest"][:12]}
+    for key in sorted({*begun, *now}):
+        if begun.get(key) != now.get(key):
+            raise ConfigError(
+                f"{where}: begun with {key} {begun.get(key)}, now it is {now.get(key)}; set it as it was, or "
+                "name another folder with --out"
+            )
+
+
+def _budget(section: TrainSection) -> Budget:
+    """When training ends.
+
+    Raises:
+        ConfigError: nothing ends it.
+    """
+    if section.minutes is None and section.samples is None:
+        raise ConfigError("train.minutes and train.samples are both null; one of them must end the training")
+    duration_s = None if section.minutes is None else 60.0 * section.minutes
+    return Budget(samples=section.samples, duration_s=duration_s)
+
+
+def _tell(
+    run: Run,
+    pairs: Mapping[str, PairTable],
+    counts: Mapping[str, int],
+    state: TrainingState,
+    processes: Processes,
+) -> None:
+    """Say what is trained, on which data, where, and from when on."""
+    section = run.config.train
+    seeds = ", ".join(str(seed) for seed in pairs["train"].seeds())
+    weights = sum(p.numel() for p in state.model.parameters())
+    run.say(
+        f"train {section.model}: {weights} weights, seed {run.config.seed}, {processes.count} x "
+        f"{processes.device.type}, {torch.get_num_threads()} threads, {section.optimisation.precision}"
+    )
+    run.say(
+        f"train {section.model}: pairs of {run.folder('pack')}: "
+        + ", ".join(f"{count} {split}" for split, count in counts.items())
+        + f"; {pairs['train'].plans()} plans to train on, made with seed {seeds}"
+    )
+    if state.step:
+        run.say(f"train {section.model}: goes on from {state.samples} samples, {state.elapsed_s:.0f} s")
+
+
+def _loader_workers(cores: int) -> int:
+    """Processes that draw samples: one keeps a CPU's network busy, a GPU takes as many as there are cores."""
+    return max(1, cores - 1) if torch.cuda.is_available() else 1

@@ -1,0 +1,145 @@
+"""The models that can be trained, by name."""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any, TypeVar
+
+import torch
+from torch import Tensor
+
+from pipeline.alignment.window import MapWindow
+from pipeline.errors import ConfigError
+from pipeline.geometry.se2 import SE2
+from pipeline.models.frame_error import (
+    FrameErrorConfig,
+    FrameErrorNet,
+    build_frame_error,
+    input_grid,
+    output_pose,
+)
+from pipeline.models.losses import ABLATION_ROWS, AblationRow, frame_error_loss
+from pipeline.models.matcher import Matcher, MatcherConfig
+from pipeline.models.matcher_estimator import MatcherEstimator
+from pipeline.models.matcher_loss import LossSampling, matcher_loss
+from pipeline.training.data import Batch
+from pipeline.training.model import FrameErrorModel
+from pipeline.training.parameters import Sampling
+
+Record = TypeVar("Record")
+
+DEFAULT_MODEL = "matcher"
+PAPER_ROWS: dict[str, AblationRow] = {row.name: row for row in ABLATION_ROWS}
+MODEL_NAMES = (DEFAULT_MODEL, *PAPER_ROWS)
+
+
+def build_model(name: str, settings: Mapping[str, Any], sampling: Sampling, *, seed: int) -> FrameErrorModel:
+    """A model with fresh weights, on the CPU.
+
+    Args:
+        name: of `MODEL_NAMES`.
+        settings: of its own configuration, those that are not to be the default.
+        sampling: the window that it will look at, and how far off the maps may be.
+        seed: of its first weights.
+
+    Raises:
+        ConfigError: there is no such model or setting, or the settings do not fit each other or the window.
+    """
+    if name not in MODEL_NAMES:
+        raise ConfigError(f"train.model is {name!r}; must be one of {', '.join(MODEL_NAMES)}")
+    torch.manual_seed(seed)
+    if name == DEFAULT_MODEL:
+        config = _filled(MatcherConfig, {"cell_m": sampling.window_cell_m, **settings}, name)
+        return MatcherModel(Matcher(config), sampling)
+    row = PAPER_ROWS[name]
+    cells = settings.get("cells", FrameErrorConfig(vit=row.vit).cells)
+    window_m = sampling.window_cells * sampling.window_cell_m
+    fixed = {"vit": row.vit, "lie": row.lie, "cell_m": window_m / max(cells, 1)}
+    paper = _filled(FrameErrorConfig, {**settings, **fixed}, name)
+    if sampling.window_cells % paper.cells:
+        raise ConfigError(
+            f"train.settings: cells is {paper.cells}; must divide the window's {sampling.window_cells}"
+        )
+    return PaperModel(build_frame_error(paper, generator=torch.Generator().manual_seed(seed)), row)
+
+
+class PaperModel(FrameErrorModel):
+    """A row of the paper's Table I."""
+
+    def __init__(self, network: FrameErrorNet, row: AblationRow) -> None:
+        super().__init__()
+        self.network, self.row = network, row
+
+    def loss(self, batch: Batch) -> tuple[Tensor, dict[str, float]]:
+        """L of Eq. 7, and its parts."""
+        config = self.network.config
+        found = frame_error_loss(
+            self.network,
+            input_grid(batch["cells"], cells=config.cells),
+            batch["theta"],
+            lie_algebra=config.lie,
+            omega=self.row.omega,
+            cell_m=config.cell_m,
+        )
+        return found.total, {"error": float(found.error.detach()), "reg": float(found.reg.detach())}
+
+    def theta(self, cells_B2NN: Tensor) -> Tensor:
+        """What the network says, as a pose."""
+        config = self.network.config
+        xi_B3 = self.network(input_grid(cells_B2NN, cells=config.cells))
+        return output_pose(xi_B3, lie_algebra=config.lie)
+
+
+class MatcherModel(FrameErrorModel):
+    """The learned matcher; loss and search reach as far as the samples are off."""
+
+    def __init__(self, network: Matcher, sampling: Sampling) -> None:
+        super().__init__()
+        self.network, self.cell_m = network, sampling.window_cell_m
+        self.search = sampling.perturbation.search()
+
+    def loss(self, batch: Batch) -> tuple[Tensor, dict[str, float]]:
+        """Cross-entropy of the coarse and the fine volume."""
+        looks = LossSampling()
+        looks = replace(looks, xy_m=max(looks.xy_m, self.search.xy_m))
+        return matcher_loss(self.network, batch["cells"], batch["theta"], looks)
+
+    def theta(self, cells_B2NN: Tensor) -> Tensor:
+        """The posterior's mean; zero where one of the maps shows nothing."""
+        estimator = MatcherEstimator(model=self.network, search=self.search)
+        windows = [MapWindow(cells=cells, cell_m=self.cell_m) for cells in cells_B2NN.cpu().numpy()]
+        thetas = [estimator(window).theta or SE2.identity() for window in windows]
+        return torch.tensor([theta.as_array().tolist() for theta in thetas], dtype=torch.float32)
+
+
+def _filled(config: type[Record], values: Mapping[str, Any], model: str) -> Record:
+    """A model's configuration with these values.
+
+    Raises:
+        ConfigError: a value is unknown or of another type; names the nearest known.
+    """
+    known = {field.name: field for field in dataclasses.fields(config)}  # type: ignore[arg-type]
+    for key, value in values.items():
+        if key not in known:
+            near = difflib.get_close_matches(key, known, n=1, cutoff=0.5) or [", ".join(known)]
+            raise ConfigError(f"train.settings: {model} has no {key!r}; the nearest known is {near[0]!r}")
+        if not _is_like(value, known[key].default):
+            raise ConfigError(
+                f"train.settings: {key} of {model} is {value!r}; must be like {known[key].default!r}"
+            )
+    return config(**{key: tuple(v) if isinstance(v, list) else v for key, v in values.items()})
+
+
+def _is_like(value: Any, default: Any) -> bool:
+    if default is dataclasses.MISSING:
+        return True
+    if isinstance(default, bool) or isinstance(value, bool):
+        return isinstance(value, bool) and isinstance(default, bool)
+    if isinstance(default, float):
+        return isinstance(value, int | float)
+    if isinstance(default, tuple):
+        return isinstance(value, list | tuple) and all(_is_like(item, default[0]) for item in value)
+    return isinstance(value, type(default))
