@@ -13,6 +13,7 @@ from pipeline.errors import ConfigError
 from pipeline.geometry.se2 import SE2
 from pipeline.models.matcher import Matcher, MatcherConfig
 from pipeline.models.matcher_estimator import MatcherEstimator
+from pipeline.models.matcher_loss import LossSampling, matcher_loss
 from pipeline.models.posterior import Gaussian
 from pipeline.models.se2_correlation import correlation, fft_size, turned, turned_correlation
 from tests.models.worlds import misplaced, rooms
@@ -181,6 +182,19 @@ def test_a_prior_chooses_between_a_map_and_its_half_turn():
         assert is_near(estimate.theta, truth, within_m=0.02, within_deg=0.5)
 
 
+def test_peaks_weigh_by_their_volume_not_their_cells():
+    """A matcher that cannot tell leaves two priors of different widths as likely as they were: equally."""
+    matcher = wall_matcher()
+    with torch.no_grad():
+        matcher.fine_log_scale.fill_(-30.0)
+        matcher.coarse_log_scale.fill_(-30.0)
+        matcher.carried_weight.fill_(0.0)
+    narrow = Gaussian(mean=SE2(-1.0, 0.4, -0.3), covariance=np.diag([0.05, 0.05, 0.014]) ** 2)
+    wide = Gaussian(mean=SE2(1.0, 0.0, 0.3), covariance=np.diag([0.1, 0.1, 0.02]) ** 2)
+    estimator = MatcherEstimator(model=matcher, priors=(narrow, wide), peaks=2)
+    assert estimator.posterior(window_of(THETA)).masses == pytest.approx([0.5, 0.5], abs=0.05)
+
+
 def test_a_map_with_nothing_in_the_window_gives_no_estimate():
     window = window_of(THETA)
     empty = MapWindow(cells=window.cells * np.array([1, 0], np.uint8)[:, None, None], cell_m=0.1)
@@ -233,6 +247,18 @@ def test_an_indifferent_matcher_s_loss_is_the_logarithm_of_the_volume():
     # 120 headings of 3° go round, 3 of them a second time as corners; 45 x 45 translations of 0.2 m.
     assert parts["coarse"] == pytest.approx(math.log(123 * 45**2), abs=1e-4)
     assert parts["true_mass"] == pytest.approx(0.5, abs=1e-6)
+
+
+def test_a_second_peak_that_is_as_good_costs_the_logarithm_of_two():
+    matcher, batch = wall_matcher(), batch_of(1)
+    with torch.no_grad():
+        matcher.coarse_log_scale.fill_(-30.0)
+        matcher.fine_log_scale.fill_(-30.0)
+        fine = [
+            matcher_loss(matcher, batch["cells"], batch["theta"], LossSampling(candidates=n))[1]["fine"]
+            for n in (1, 2)
+        ]
+    assert fine[1] - fine[0] == pytest.approx(math.log(2.0), abs=1e-4)
 
 
 def test_a_frame_error_beyond_the_loss_is_refused():
