@@ -9,7 +9,7 @@ import platform
 import sys
 from importlib import import_module
 
-BENCHMARKS = ("startup", "episodes", "lidar", "planning", "scaling", "memory", "rendering")
+BENCHMARKS = ("startup", "episodes", "lidar", "planning", "scaling", "memory", "rendering", "baselines")
 
 
 def main() -> None:

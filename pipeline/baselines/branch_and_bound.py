@@ -112,22 +112,22 @@ def _best_of_block(
 
 @nb.njit(cache=True)
 def _block_maxima(field: Field) -> Field:
-    """(S, BLOCK, S / BLOCK): the largest of the BLOCK x BLOCK values from (row, col) on, at
+    """(R, BLOCK, C / BLOCK): the largest of the BLOCK x BLOCK values from (row, col) on, at
     [row, col % BLOCK, col // BLOCK], so that steps of a whole block along a row lie side by side."""
-    size = field.shape[0]
+    rows, cols = field.shape
     maxima = field.copy()
     for reach in (1, 2):  # of 2 x 2 values, then of 4 x 4
-        for row in range(size - reach):
+        for row in range(rows - reach):
             line, below = maxima[row], maxima[row + reach]
-            for col in range(size):
+            for col in range(cols):
                 line[col] = max(line[col], below[col])
-            for col in range(size - reach):
+            for col in range(cols - reach):
                 line[col] = max(line[col], line[col + reach])
-    out = np.empty((size, BLOCK, size // BLOCK), np.int16)
-    for row in range(size):
+    out = np.empty((rows, BLOCK, cols // BLOCK), np.int16)
+    for row in range(rows):
         for phase in range(BLOCK):
             side_by_side, line = out[row, phase], maxima[row]
-            for block in range(size // BLOCK):
+            for block in range(cols // BLOCK):
                 side_by_side[block] = line[block * BLOCK + phase]
     return out
 

@@ -48,7 +48,7 @@ class Correlation:
         cell_m: side of a cell [m].
         field_0: (S0, S0) field of map 0, mirrored and padded with 0.
         walls_1: per heading, (P, 2) row, col into field_0 of map 1's walls turned by -ψ, mirrored.
-        fields_1: (H, S1, S1) field of map 1 turned by -ψ, padded with 0.
+        fields_1: (H, R1, C1) field of map 1 turned by -ψ, as far as shifts take map 0's walls, padded with 0.
         walls_0: (P, 2) row, col into fields_1 of map 0's walls.
     """
 
@@ -96,11 +96,15 @@ def correlation(
     )
     mirrored = np.zeros((_padded(size + 4 * reach),) * 2, np.int16)
     mirrored[2 * reach : 2 * reach + size, 2 * reach : 2 * reach + size] = field_0[::-1, ::-1]
-    fields_1 = np.empty((len(headings_rad), *(_padded(size + 2 * reach),) * 2), np.int16)
+    walls_0 = np.argwhere(window.cells[0] == OCCUPIED_CELL).astype(np.int32).reshape(-1, 2)
+    first = walls_0.min(axis=0, initial=size)
+    extent = np.maximum(walls_0.max(axis=0, initial=0) - first + 1, 0)
+    fields_1 = np.zeros((len(headings_rad), *(_padded(int(n) + 2 * reach) for n in extent)), np.int16)
     walls_1 = []
     centres_1 = np.argwhere(window.cells[1] == OCCUPIED_CELL)[:, ::-1] + (0.5 - size / 2)
     for field, yaw_rad in zip(fields_1, headings_rad, strict=True):
-        _turn_field_in_place(field, field_1, yaw_rad, reach)
+        within = field[: extent[0] + 2 * reach, : extent[1] + 2 * reach]
+        _turn_field_in_place(within, field_1, yaw_rad, first[0] - reach, first[1] - reach)
         walls_1.append(_turned_walls(centres_1, size, yaw_rad, reach))
     return Correlation(
         headings_rad=headings_rad,
@@ -109,7 +113,7 @@ def correlation(
         field_0=mirrored,
         walls_1=walls_1,
         fields_1=fields_1,
-        walls_0=np.argwhere(window.cells[0] == OCCUPIED_CELL).astype(np.int32),
+        walls_0=walls_0 - first.astype(np.int32),
     )
 
 
@@ -138,20 +142,18 @@ def _padded(size: int) -> int:
 
 
 @nb.njit(cache=True)
-def _turn_field_in_place(out: Field, field: Field, yaw_rad: float, reach: int) -> None:
-    """Nearest cell of the field at R_ψ u, for u from `reach` cells before its first cell on."""
+def _turn_field_in_place(out: Field, field: Field, yaw_rad: float, first_row: int, first_col: int) -> None:
+    """Nearest cell of the field at R_ψ u, for u from that row and column on."""
     size, half = field.shape[0], 0.5 * field.shape[0]
     c, s = math.cos(yaw_rad), math.sin(yaw_rad)
-    first = 0.5 - half - reach
-    end = size + 2 * reach
-    out[:] = 0
-    for row in range(end):
-        x0, y0 = half - s * (row + first), half + c * (row + first)
-        for col in range(end):
-            col_1 = math.floor(x0 + c * (col + first))
-            row_1 = math.floor(y0 + s * (col + first))
+    for row in range(out.shape[0]):
+        y = row + first_row + 0.5 - half
+        x0, y0, line = half - s * y, half + c * y, out[row]
+        for col in range(out.shape[1]):
+            x = col + first_col + 0.5 - half
+            col_1, row_1 = math.floor(x0 + c * x), math.floor(y0 + s * x)
             if 0 <= row_1 < size and 0 <= col_1 < size:
-                out[row, col] = field[row_1, col_1]
+                line[col] = field[row_1, col_1]
 
 
 @nb.njit(cache=True)
