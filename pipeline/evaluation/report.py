@@ -1,0 +1,288 @@
+"""The report on frame-error estimators: one page that needs no other file."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from pipeline.evaluation.estimates import (
+    SUCCESS_M,
+    SUCCESS_RAD,
+    WRONG_M,
+    WRONG_RAD,
+    Outcomes,
+    Pairs,
+)
+from pipeline.evaluation.gallery import Panel
+from pipeline.evaluation.html_page import (
+    Html,
+    Piece,
+    details,
+    facts,
+    figure,
+    joined,
+    page,
+    paragraph,
+    section,
+    strong,
+)
+from pipeline.evaluation.measured_row import Conditions, MeasuredRow
+from pipeline.evaluation.report_figures import calibration_chart, cdf_chart, curve_chart, scatter_chart
+from pipeline.evaluation.report_gallery import Shown, attention_section, gallery_section
+from pipeline.evaluation.report_tables import (
+    calibration_table,
+    comparison_table,
+    overlap_table,
+    table_one,
+    time_table,
+)
+from pipeline.evaluation.statistics import LEVEL, RESAMPLES
+from pipeline.evaluation.summary import Comparison, ranking
+from pipeline.evaluation.table_one import title
+from pipeline.evaluation.training_curve import STILL_FALLING
+
+_MOST_COMPARED = 5
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReportContent:
+    """All that the report tells.
+
+    Attributes:
+        conditions: of what was measured now.
+        found: outcomes by method, measured now.
+        rows: figures by method, measured now or recorded, in the order of tables.
+        pairs: what was measured on.
+        comparisons: each two of the methods measured now.
+        gallery: pairs that are drawn.
+        attention: by method, pictures of what it looks at, pair by pair of the gallery.
+        dataset: its folder.
+        versions: of packages.
+    """
+
+    conditions: Conditions
+    found: Mapping[str, Outcomes]
+    rows: Mapping[str, MeasuredRow]
+    pairs: Pairs
+    comparisons: Sequence[Comparison]
+    gallery: Sequence[Shown]
+    attention: Mapping[str, Sequence[Panel]]
+    dataset: str
+    versions: Mapping[str, str]
+
+
+def report(content: ReportContent) -> str:
+    """The page."""
+    parts = [
+        ("table-1", "Table I", _table_one(content)),
+        ("overlap", "By overlap", _overlap(content)),
+        ("better", "Who is better", _comparisons(content)),
+        ("errors", "How errors are spread", _spread(content)),
+        ("gallery", "Pairs", gallery_section(content.gallery, reference=ranking(content.found)[0])),
+        ("calibration", "Does a method know its error?", _calibration(content)),
+        ("training", "Error against training samples", _curves(content)),
+        ("attention", "What the transformer looks at", attention_section(content.attention)),
+        ("time", "Time, and the error that is left", _time(content)),
+        ("origin", "How it was made", _origin(content)),
+    ]
+    told = [(anchor, heading, pieces) for anchor, heading, pieces in parts if pieces]
+    return page(
+        "Frame error: how well two robots' maps are brought together",
+        head=_head(content),
+        contents=[(anchor, heading) for anchor, heading, _ in told],
+        body=[section(anchor, heading, *pieces) for anchor, heading, pieces in told],
+    )
+
+
+def _head(content: ReportContent) -> Html:
+    c, ranked = content.conditions, ranking(content.found)
+    best = content.rows[ranked[0]].summary.overall
+    line: list[Piece] = [
+        strong(title(ranked[0])),
+        f" has the smallest mean error of what was measured here: {best.position_m.value:.3f} m and "
+        f"{math.degrees(best.heading_rad.value):.2f}°, within {SUCCESS_M:g} m and "
+        f"{math.degrees(SUCCESS_RAD):.0f}° in {best.success.value:.1%} of pairs.",
+    ]
+    if len(ranked) > 1:
+        second = content.rows[ranked[1]].summary.overall
+        line.append(
+            f" Next is {title(ranked[1])} with {second.position_m.value:.3f} m and "
+            f"{math.degrees(second.heading_rad.value):.2f}°, {second.success.value:.1%}."
+        )
+    return joined(
+        paragraph(*line, kind="lead"),
+        facts(
+            [
+                ("split", c.split),
+                ("pairs", f"{c.pairs:,}"),
+                ("floor plans", f"{c.plans:,}"),
+                ("frame error drawn from", f"±{c.xy_range_m:g} m, ±{c.yaw_range_deg:g}°"),
+                ("data", c.data_digest[:12]),
+                ("seed", str(c.seed)),
+            ]
+        ),
+    )
+
+
+def _table_one(content: ReportContent) -> list[Html]:
+    c = content.conditions
+    return [
+        paragraph(
+            "Two maps of one building are laid over each other by a transform that is wrong. A method sees "
+            "both in a window around the meeting point, and says by which rigid motion θ the second one is "
+            "off. Its error is θ̂⁻¹ θ. Every method sees the same pairs, wrong by the same motions."
+        ),
+        table_one(content.rows, list(content.found)),
+        paragraph(
+            f"Frame errors are uniform over ±{c.xy_range_m:g} m, ±{c.xy_range_m:g} m, ±{c.yaw_range_deg:g}°. "
+            "The paper does not state its range: ±2 m, ±2 m, ±45° is inferred from the row of its table that "
+            "failed to learn, whose errors are those of answering zero. Its pairs are not public, so its "
+            "columns stand beside ours for orientation only. Where it has one Hough row, ours has two. "
+            f"Small figures are {LEVEL:.0%} intervals: of means by {RESAMPLES:,} bootstrap resamples of "
+            "whole floor plans, of shares by Wilson's formula. Where a method finds no estimate, its error "
+            "is that of making no correction, and it counts as no success; “95 % below” is position, then "
+            "heading. "
+            f"“Not converged”: over the last quarter of training the validation error still fell by more "
+            f"than {STILL_FALLING:.0%}. “Recorded” rows are from an earlier run, told beside them; rows that "
+            "nobody has trained stay empty.",
+            kind="note",
+        ),
+    ]
+
+
+def _overlap(content: ReportContent) -> list[Html]:
+    return [
+        overlap_table(content.rows),
+        paragraph(
+            "Mean position error, mean heading error, and success, by how much of the ground both robots "
+            "know: |known by both| / |known by either|.",
+            kind="note",
+        ),
+    ]
+
+
+def _comparisons(content: ReportContent) -> list[Html]:
+    if not content.comparisons:
+        return []
+    ranked = ranking(content.found)[:_MOST_COMPARED]
+    first = [c for c in content.comparisons if {c.better, c.other} <= set(ranked)]
+    rest = [c for c in content.comparisons if c not in first]
+    return [
+        comparison_table(first),
+        *([details("all other comparisons", comparison_table(rest))] if rest else []),
+        paragraph(
+            "Differences on the same pairs, first method minus second, with paired bootstrap intervals. "
+            "“Better in” names what the interval leaves no doubt about.",
+            kind="note",
+        ),
+    ]
+
+
+def _spread(content: ReportContent) -> list[Html]:
+    return [
+        figure(
+            scatter_chart(content.found, content.pairs),
+            "Position error against overlap (the paper's Fig. 6a), a dot for each pair. Black: the median in "
+            f"each bin of overlap. Dashed: {SUCCESS_M:g} m. Rings: no estimate.",
+            alt="Position error against overlap",
+        ),
+        figure(
+            cdf_chart(content.found),
+            "Share of pairs whose error is below; pairs without an estimate never are. "
+            f"Dashed: {SUCCESS_M:g} m and {math.degrees(SUCCESS_RAD):.0f}°.",
+            alt="Cumulative distribution of the errors",
+        ),
+    ]
+
+
+def _calibration(content: ReportContent) -> list[Html]:
+    chart = calibration_chart(content.found)
+    return [
+        paragraph(
+            f"A fusion can refuse what is uncertain, so a method should say so. Wrong is an error above "
+            f"{WRONG_M:g} m or {math.degrees(WRONG_RAD):.0f}°. Flagged is an estimate that the method itself "
+            "calls ambiguous, or none. Covariances are tested on the estimates that are not flagged: of the "
+            "errors, 50, 90 and 95 % should lie inside the ellipsoids of those probabilities."
+        ),
+        calibration_table(content.rows),
+        *(
+            []
+            if chart is None
+            else [
+                figure(
+                    chart,
+                    "Below the diagonal a method is too sure of itself, above it too careful.",
+                    alt="Coverage of the covariances",
+                )
+            ]
+        ),
+    ]
+
+
+def _curves(content: ReportContent) -> list[Html]:
+    curves = {
+        name: row.training.curve
+        for name, row in content.rows.items()
+        if row.training is not None and row.training.curve is not None
+    }
+    chart = curve_chart(curves)
+    if chart is None:
+        return []
+    return [
+        figure(
+            chart,
+            "On validation pairs, while training; dashed where the error was still falling at the end.",
+            alt="Validation error against training samples",
+        )
+    ]
+
+
+def _time(content: ReportContent) -> list[Html]:
+    return [
+        time_table(content.rows, list(content.found)),
+        paragraph(
+            f"On {content.conditions.hardware}. Methods without a network run in as many processes as there "
+            "are workers, one thread each; networks in one process with all threads. The last column of "
+            "figures is how far the corrected transform T̂ puts robot 1 from where it stands.",
+            kind="note",
+        ),
+    ]
+
+
+def _origin(content: ReportContent) -> list[Html]:
+    c = content.conditions
+    told = [
+        ("dataset", f"{content.dataset}, split {c.split}"),
+        ("digest of the pairs", c.data_digest),
+        ("digest of the frame errors", c.perturbation_digest),
+        ("seed of the frame errors", str(c.seed)),
+        ("commit", c.commit or "not known"),
+        ("hardware", c.hardware),
+        *((f"weights of {title(n)}", w) for n, w in _weights(content.rows).items()),
+        *content.versions.items(),
+    ]
+    rows = "".join(
+        joined(
+            Html("<tr><td class='name'>"),
+            k,
+            Html("</td><td class='words'><code>"),
+            v,
+            Html("</code></td></tr>"),
+        ).text
+        for k, v in told
+    )
+    return [
+        Html(f'<div class="scroll"><table><tbody>{rows}</tbody></table></div>'),
+        paragraph(
+            "The frame errors of all pairs lie in ",
+            Html("<code>perturbations.json</code>"),
+            " beside this page's cache, the figures in ",
+            Html("<code>metrics.json</code>"),
+            ".",
+        ),
+    ]
+
+
+def _weights(rows: Mapping[str, MeasuredRow]) -> dict[str, str]:
+    return {n: row.training.weights_digest for n, row in rows.items() if row.training is not None}

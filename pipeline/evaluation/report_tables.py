@@ -1,0 +1,257 @@
+"""Tables of the report on frame-error estimators."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+from pipeline.evaluation.calibration import LEVELS, Calibration
+from pipeline.evaluation.html_page import Cell, Html, Piece, badge, joined, table
+from pipeline.evaluation.measured_row import MeasuredRow
+from pipeline.evaluation.statistics import Interval
+from pipeline.evaluation.summary import OVERLAP_BINS, Accuracy, Comparison
+from pipeline.evaluation.table_one import ABLATION, OWN_METHODS, PAPER, PaperRow, title
+
+_DASH = "–"
+Rows = Mapping[str, MeasuredRow]
+
+
+def table_one(rows: Rows, measured: Sequence[str]) -> Html:
+    """Table I: the paper's rows beside ours, then what the paper has not.
+
+    Args:
+        rows: by method, measured now or recorded.
+        measured: which of them now.
+    """
+    header = [
+        [
+            ("", 4),
+            ("paper, on its own pairs", 3),
+            ("here, mean absolute error", 3),
+            ("median", 3),
+            ("", 4),
+        ],
+        [(word, 1) for word in ("method", "ViT", "Reg", "Lie", "Δx m", "Δy m", "Δψ rad")]
+        + [(word, 1) for word in ("Δx m", "Δy m", "Δψ rad", "Δx", "Δy", "Δψ")]
+        + [(word, 1) for word in ("success", "95 % below", "no estimate", "source")],
+    ]
+    best = _best(rows)
+    own = [name for name in OWN_METHODS if name in rows]
+    body: list[list[Cell | None]] = [_table_one_row(row.name, rows, measured, best) for row in ABLATION]
+    return table(header, [*body, [None], *(_table_one_row(name, rows, measured, best) for name in own)])
+
+
+def _table_one_row(
+    name: str, rows: Rows, measured: Sequence[str], best: Mapping[str, str]
+) -> list[Cell | None]:
+    first = [Cell(main=title(name), kind="name"), *_switches(PAPER.get(name)), *_printed(PAPER.get(name))]
+    if name not in rows:
+        return [*first, *(Cell(main=_DASH) for _ in range(9)), _source(name, rows, measured)]
+    found = rows[name].summary.overall
+    return [
+        *first,
+        *(
+            Cell(main=_number(mean.value, 3), small=_range(mean, 3), best=best[component] == name)
+            for component, mean in zip("xyψ", found.mean, strict=True)
+        ),
+        *(Cell(main=_number(value, 3)) for value in found.median),
+        Cell(
+            main=_share(found.success.value), small=_share_range(found.success), best=best["success"] == name
+        ),
+        Cell(main=f"{found.position_p95_m:.2f} m", small=f"{math.degrees(found.heading_p95_rad):.1f}°"),
+        Cell(main=_share(found.failures)),
+        _source(name, rows, measured),
+    ]
+
+
+def _best(rows: Rows) -> dict[str, str]:
+    """Who has the smallest mean of each component, and the most successes."""
+    if not rows:
+        return {}
+    means = {
+        component: min(rows, key=lambda name: rows[name].summary.overall.mean[k].value)
+        for k, component in enumerate("xyψ")
+    }
+    return means | {"success": max(rows, key=lambda name: rows[name].summary.overall.success.value)}
+
+
+def _switches(row: PaperRow | None) -> list[Cell]:
+    values = (None, None, None) if row is None else (row.vit, row.reg, row.lie)
+    return [Cell(main="✓" if value else _DASH if value is False else "", kind="switch") for value in values]
+
+
+def _printed(row: PaperRow | None) -> list[Cell]:
+    values = ("", "", "") if row is None else tuple(f"{v:.3f}" for v in (row.x_m, row.y_m, row.yaw_rad))
+    return [Cell(main=value, kind="paper") for value in values]
+
+
+def _source(name: str, rows: Rows, measured: Sequence[str]) -> Cell:
+    if name not in rows:
+        return Cell(main=badge("not trained", "missing"), kind="words")
+    row = rows[name]
+    where = badge("measured", "measured") if name in measured else badge("recorded", "recorded")
+    told = [_conditions(row)] if name not in measured else []
+    unfinished: Piece = ""
+    if row.training is not None:
+        t = row.training
+        minutes = "" if t.minutes is None else f", {t.minutes:.1f} min"
+        told.append(f"seed {t.seed}, {t.samples:,} samples{minutes}")
+        if t.curve is not None and not t.curve.converged:
+            unfinished = badge("not converged", "warning")
+    return Cell(main=joined(where, " ", unfinished), small="; ".join(told), kind="words")
+
+
+def _conditions(row: MeasuredRow) -> str:
+    c = row.conditions
+    commit = f", commit {c.commit[:9]}" if c.commit else ""
+    return f"{c.pairs:,} pairs of data {c.data_digest[:9]}{commit}"
+
+
+def overlap_table(rows: Rows) -> Html:
+    """Errors and successes by overlap."""
+    sizes = next((row.summary.by_overlap for row in rows.values()), ())
+    bins = [
+        (f"overlap {name}, {found.count} pairs" if found else f"overlap {name}, none", 3)
+        for name, found in zip(OVERLAP_BINS, sizes, strict=False)
+    ]
+    header = [
+        [("", 1), *bins],
+        [("method", 1), *((word, 1) for _ in bins for word in ("position m", "heading °", "success"))],
+    ]
+    body: list[list[Cell | None]] = []
+    for name, row in rows.items():
+        cells: list[Cell | None] = [Cell(main=title(name), kind="name")]
+        for b, found in enumerate(row.summary.by_overlap):
+            cells += _bin_cells(found, best=_best_of_bin(rows, b) == name)
+        body.append(cells)
+    return table(header, body)
+
+
+def _best_of_bin(rows: Rows, b: int) -> str | None:
+    there = {name: found for name, row in rows.items() if (found := row.summary.by_overlap[b])}
+    return min(there, key=lambda name: there[name].position_m.value, default=None)
+
+
+def _bin_cells(found: Accuracy | None, *, best: bool) -> list[Cell]:
+    if found is None:
+        return [Cell(main=_DASH)] * 3
+    heading = found.heading_rad.scaled(180.0 / math.pi)
+    return [
+        Cell(main=_number(found.position_m.value, 3), small=_range(found.position_m, 2), best=best),
+        Cell(main=_number(heading.value, 2), small=_range(heading, 1)),
+        Cell(main=_share(found.success.value), small=_share_range(found.success)),
+    ]
+
+
+def comparison_table(found: Sequence[Comparison]) -> Html:
+    """Who is better than whom, and whether that is beyond doubt."""
+    header = [[(w, 1) for w in ("method", "against", "position m", "heading °", "success, points", "")]]
+    body: list[list[Cell | None]] = []
+    for c in found:
+        heading, success = c.heading_rad.scaled(180.0 / math.pi), c.success.scaled(100.0)
+        body.append(
+            [
+                Cell(main=title(c.better), kind="name"),
+                Cell(main=title(c.other), kind="name"),
+                *(
+                    Cell(main=_signed(value, decimals), small=_range(value, decimals))
+                    for value, decimals in ((c.position_m, 3), (heading, 2), (success, 1))
+                ),
+                Cell(main=_verdict(c), kind="words"),
+            ]
+        )
+    return table(header, body)
+
+
+def _verdict(c: Comparison) -> Piece:
+    surer = [
+        name
+        for name, value, sign in (
+            ("position", c.position_m, -1.0),
+            ("heading", c.heading_rad, -1.0),
+            ("success", c.success, 1.0),
+        )
+        if value.excludes_zero and value.value * sign > 0.0
+    ]
+    return f"better in {', '.join(surer)}" if surer else "no difference beyond doubt"
+
+
+def calibration_table(rows: Rows) -> Html:
+    """What methods say of their own errors."""
+    header = [
+        [
+            ("", 1),
+            ("flags", 3),
+            ("errors inside the ellipsoid of", 3),
+            ("NEES (right: 3, 2.37)", 2),
+            ("negative log density", 2),
+        ],
+        [(w, 1) for w in ("method", "flagged", "wrong, not flagged", "wrong, flagged")]
+        + [(f"{level:.0%}", 1) for level in LEVELS]
+        + [(w, 1) for w in ("mean", "median", "normal", "own posterior")],
+    ]
+    body: list[list[Cell | None]] = []
+    for name, row in rows.items():
+        w = row.summary.warnings
+        body.append(
+            [
+                Cell(main=title(name), kind="name"),
+                *(
+                    Cell(main=_share(share.value), small=_share_range(share))
+                    for share in (w.flagged, w.wrong_unflagged, w.wrong_flagged)
+                ),
+                *_calibration_cells(row.summary.calibration_unflagged),
+            ]
+        )
+    return table(header, body)
+
+
+def _calibration_cells(found: Calibration | None) -> list[Cell]:
+    if found is None:
+        return [Cell(main=_DASH)] * 7
+    return [
+        *(Cell(main=_share(share.value), small=_share_range(share)) for share in found.coverage),
+        Cell(main=_number(found.nees_mean, 2)),
+        Cell(main=_number(found.nees_median, 2)),
+        Cell(main=_number(found.gaussian_nll, 2)),
+        Cell(main=_DASH if found.posterior_nll is None else _number(found.posterior_nll, 2)),
+    ]
+
+
+def time_table(rows: Rows, measured: Sequence[str]) -> Html:
+    """Time per pair, and by how far robot 1 is misplaced in the end."""
+    header = [[(w, 1) for w in ("method", "median ms", "95 % below ms", "T̂ misplaces robot 1 by m", "")]]
+    body: list[list[Cell | None]] = [
+        [
+            Cell(main=title(name), kind="name"),
+            Cell(main=f"{1000.0 * row.summary.duration_median_s:.1f}"),
+            Cell(main=f"{1000.0 * row.summary.duration_p95_s:.1f}"),
+            Cell(
+                main=_number(row.summary.overall.meeting_m.value, 3),
+                small=_range(row.summary.overall.meeting_m, 3),
+            ),
+            Cell(main=row.conditions.hardware if name not in measured else "", kind="words"),
+        ]
+        for name, row in rows.items()
+    ]
+    return table(header, body)
+
+
+def _number(value: float, decimals: int) -> str:
+    return f"{value:.{decimals}f}" if math.isfinite(value) else ("∞" if value > 0 else _DASH)
+
+
+def _signed(value: Interval, decimals: int) -> str:
+    return f"{value.value:+.{decimals}f}".replace("-", "−")
+
+
+def _range(value: Interval, decimals: int) -> str:
+    return f"{_number(value.low, decimals)} … {_number(value.high, decimals)}".replace("-", "−")
+
+
+def _share(value: float) -> str:
+    return f"{100.0 * value:.1f} %" if math.isfinite(value) else _DASH
+
+
+def _share_range(value: Interval) -> str:
+    return f"{100.0 * value.low:.1f} … {100.0 * value.high:.1f}" if math.isfinite(value.low) else ""
