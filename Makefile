@@ -11,7 +11,7 @@ RENDEZVOUS := $(VENV)/bin/rendezvous
 OPTIONS = --preset $(PRESET) --data $(DATA) $(if $(WORKERS),--workers $(WORKERS)) $(foreach item,$(SET),--set $(item))
 
 .DEFAULT_GOAL := help
-.PHONY: help setup dataset inspect test test-fast check bench golden docs clean
+.PHONY: help setup dataset train inspect test test-fast check bench golden docs clean
 
 help:  ## print this
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -22,6 +22,9 @@ setup: $(READY)  ## install everything into .venv
 
 dataset: $(READY)  ## floor plans -> DATA/dataset, the Parquet dataset of rendezvous
 	$(RENDEZVOUS) dataset $(OPTIONS)
+
+train: $(READY)  ## train the default estimator on DATA/dataset, about 20 minutes; goes on after a kill
+	$(RENDEZVOUS) train --resume $(OPTIONS)
 
 inspect: $(READY)  ## draw contact sheets of DATA/dataset to report/
 	$(RENDEZVOUS) inspect $(DATA)/dataset

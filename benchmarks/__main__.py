@@ -9,7 +9,17 @@ import platform
 import sys
 from importlib import import_module
 
-BENCHMARKS = ("startup", "episodes", "lidar", "planning", "scaling", "memory", "rendering", "baselines")
+BENCHMARKS = (
+    "startup",
+    "episodes",
+    "lidar",
+    "planning",
+    "scaling",
+    "memory",
+    "rendering",
+    "baselines",
+    "training",
+)
 
 
 def main() -> None:
@@ -26,6 +36,7 @@ def main() -> None:
     results: dict[str, object] = {
         "machine": {"cores": len(os.sched_getaffinity(0)), "cpu": _cpu(), "python": platform.python_version()}
     }
+    os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # as the command line has it for PyTorch
     for name in options.names or BENCHMARKS:
         print(f"{name} ...", file=sys.stderr, flush=True)
         results[name] = import_module(f"benchmarks.{name}").measure(options)

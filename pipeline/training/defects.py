@@ -23,8 +23,8 @@ def bent(
     """The map bent by smooth waves and drawn in cells of another size, which lie otherwise; no wall is lost.
 
     Waves run along each axis and move cells across it; their length is uniform from 2 m to 8 m, and their
-    amplitudes are uniform and sum to at most `amplitude_m`. Where the new cells begin is uniform within an old
-    one: without that, a move of less than half a cell would change nothing.
+    amplitudes are uniform and sum to at most `amplitude_m`. Where the new cells begin is uniform within an
+    old one: without that, a move of less than half a cell would change nothing.
     """
     ratio = resolution_m / grid.resolution_m
     phase = rng.random(2)

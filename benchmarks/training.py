@@ -1,0 +1,127 @@
+"""Training of the default model: samples drawn, samples learnt from, and both at once."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import time
+from collections.abc import Iterable, Iterator
+from itertools import islice, repeat
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import torch
+
+from pipeline.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
+from pipeline.geometry.se2 import SE2
+from pipeline.schema import IMAGE_TYPE, SE2_TYPE
+from pipeline.training.data import Batch, TrainingBatches, training_loader
+from pipeline.training.loop import Step, TrainingState, fit
+from pipeline.training.pairs import PairTable
+from pipeline.training.parameters import Budget, Optimisation, Sampling
+from pipeline.training.processes import Processes
+from pipeline.training.registry import DEFAULT_MODEL, build_model
+
+STEPS, WARM_UP_STEPS, PAIRS = 12, 2, 64
+
+
+def measure(options: argparse.Namespace) -> dict[str, Any]:
+    """Samples per second of the loader's one worker, of the bare model, and of training."""
+    cores = len(os.sched_getaffinity(0))
+    torch.set_num_threads(cores)
+    settings = Optimisation()
+    loader = _loader(_pairs(), settings)
+    loading = _samples_per_s(loader, settings)
+    batch = next(iter(loader))
+    bare = _trained_per_s(repeat(batch), settings)
+    both = _trained_per_s(loader, settings)
+    return {
+        "model": DEFAULT_MODEL,
+        "threads": cores,
+        "batch_size": settings.batch_size,
+        "loader_samples_per_s": round(loading, 1),
+        "model_samples_per_s": round(bare, 2),
+        "training_samples_per_s": round(both, 2),
+        "model_busy_share": round(both / bare, 3),
+    }
+
+
+def _loader(pairs: PairTable, settings: Optimisation) -> Iterable[Batch]:
+    batches = TrainingBatches(pairs, Sampling(), seed=0, batch_size=settings.batch_size)
+    return training_loader(batches, first_step=0, workers=1, pin_memory=False)
+
+
+def _samples_per_s(loader: Iterable[Batch], settings: Optimisation) -> float:
+    """Of the loader alone."""
+    batches = iter(loader)
+    for _ in islice(batches, WARM_UP_STEPS + 4):  # those that were drawn ahead
+        pass
+    started_s = time.perf_counter()
+    for _ in islice(batches, 4 * STEPS):
+        pass
+    return 4 * STEPS * settings.batch_size / (time.perf_counter() - started_s)
+
+
+def _trained_per_s(batches: Iterable[Batch], settings: Optimisation) -> float:
+    """Of the loop over some steps, the first ones left out."""
+    state = TrainingState.fresh(build_model(DEFAULT_MODEL, {}, Sampling(), seed=0), settings)
+    times = _Times()
+    samples = (STEPS + WARM_UP_STEPS) * settings.batch_size
+    fit(
+        state,
+        batches,
+        settings,
+        Budget(samples=samples, duration_s=None),
+        seed=0,
+        processes=Processes(),
+        observer=times,
+        clock=time.monotonic,
+    )
+    after_s = times.after_s[WARM_UP_STEPS - 1 :]
+    return (len(after_s) - 1) * settings.batch_size / (after_s[-1] - after_s[0])
+
+
+class _Times:
+    def __init__(self) -> None:
+        self.after_s: list[float] = []
+
+    def after(self, state: TrainingState, step: Step) -> None:
+        self.after_s.append(time.perf_counter())
+
+
+def _pairs() -> PairTable:
+    """Pairs of two overlapping rooms each, 9 m across, as large as those of the default preset."""
+    rows = list(_rows())
+    columns = {name: [row[name] for row in rows] for name in rows[0]}
+    types = {"map_0": IMAGE_TYPE, "map_1": IMAGE_TYPE} | dict.fromkeys(
+        ("origin_0", "origin_1", "T_m1_r1", "T_m0_m1_local"), SE2_TYPE
+    )
+    return PairTable(
+        "train", pa.table({name: pa.array(values, types.get(name)) for name, values in columns.items()})
+    )
+
+
+def _rows() -> Iterator[dict[str, Any]]:
+    rng = np.random.default_rng(0)
+    for number in range(PAIRS):
+        cells = np.full((180, 180), UNKNOWN, np.uint8)
+        cells[4:-4, 4:-4] = OCCUPIED
+        cells[5:-5, 5:-5] = FREE
+        for row, col in rng.integers(10, 160, (40, 2)):
+            cells[row : row + rng.integers(1, 40), col] = OCCUPIED
+        grid = OccupancyGrid(cells=cells, resolution_m=0.05, T_m_g=SE2(-4.5, -4.5, 0.0))
+        png = {"bytes": grid.png(), "path": None}
+        yield {
+            "pair_id": f"pair-{number}",
+            "plan_id": "plan",
+            "seed": 0,
+            "map_0": png,
+            "map_1": png,
+            "origin_0": [-4.5, -4.5, 0.0],
+            "origin_1": [-4.5, -4.5, 0.0],
+            "resolution_m": 0.05,
+            "T_m1_r1": [0.0, 0.0, 0.0],
+            "T_m0_m1_local": [1.0, 0.5, 0.3],
+            "overlap": 0.6,
+        }

@@ -1,0 +1,217 @@
+"""The stage that trains, from published shards to weights, as the command runs it."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+import pytest
+import torch
+
+from pipeline.errors import ConfigError, PipelineError, StoreError
+from pipeline.stages.pack import pack
+from pipeline.stages.train import train
+from pipeline.stages.train_record import CHECKPOINT, CURVE, WEIGHTS
+from pipeline.training.checkpoint import fit_weights_in_place, read_checkpoint
+from pipeline.training.parameters import Sampling
+from pipeline.training.registry import build_model
+from tests.conftest import ROOT, run_in
+from tests.synthetic_dataset import explored, synthetic_run
+
+SMALL = {"cells": 48, "width": 16, "depth": 1, "heads": 2}
+SETS = (
+    "train.model=cnn-lie",
+    f"train.settings={SMALL}",
+    "train.sampling={window_cells: 48, window_cell_m: 0.4}",
+    "train.optimisation={batch_size: 4}",
+    "train.minutes=null",
+    "train.samples=32",
+    "train.validations=4",
+)
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("published")
+    explored(folder)
+    pack(synthetic_run(folder, "pack.validation_fraction=0.1", "pack.test_fraction=0.1"))
+    return folder
+
+
+def trained(data: Path, out: Path, *overrides: str, resume: bool = False) -> str:
+    """Train; what was said."""
+    run = run_in(str(data), (*SETS, *overrides))
+    train(run, out=out, resume=resume)
+    return run.console.file.getvalue()
+
+
+def command(data: Path, out: Path, *more: str) -> list[str]:
+    sets = [word for item in SETS for word in ("--set", item)]
+    return ["train", "--data", str(data), "--out", str(out), "--workers", "1", *sets, *more]
+
+
+def rendezvous(arguments: Sequence[str], **options) -> subprocess.CompletedProcess:
+    return subprocess.run(
+        [sys.executable, "-m", "pipeline.cli", *arguments],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        timeout=120,
+        **options,
+    )
+
+
+def curve_of(out: Path) -> list[dict[str, float]]:
+    return json.loads((out / CURVE).read_text())["curve"]
+
+
+def test_training_writes_weights_a_curve_and_events_and_says_on_what(data: Path, tmp_path: Path):
+    said = trained(data, tmp_path / "run")
+    assert "train cnn-lie: " in said
+    assert f"pairs of {data}/dataset: 12 train, 4 validation, 4 test; 6 plans to train on" in said
+    assert "made with seed 0" in said
+    assert [point["samples"] for point in curve_of(tmp_path / "run")] == [8, 16, 24, 32]
+    assert all(0.0 < point["error_x_m"] < 4.0 for point in curve_of(tmp_path / "run"))
+    assert list((tmp_path / "run").glob("events.out.tfevents.*"))
+    weights = read_checkpoint((tmp_path / "run" / WEIGHTS).read_bytes(), where="here")
+    sampling = Sampling(window_cells=48, window_cell_m=0.4)
+    model = build_model(weights.record["model"], weights.record["settings"], sampling, seed=5)
+    fit_weights_in_place(model, weights.tensors, where="here")
+    assert weights.record["samples"] == 32
+    assert weights.record["data"]["pairs"] == {"train": 12, "validation": 4}
+
+
+def test_a_run_goes_on_only_when_it_is_told_to(data: Path, tmp_path: Path):
+    trained(data, tmp_path, "train.samples=16")
+    with pytest.raises(StoreError, match="a run is here already; --resume goes on with it"):
+        trained(data, tmp_path)
+    said = trained(data, tmp_path, resume=True)
+    assert "goes on from 16 samples" in said
+    assert curve_of(tmp_path)[-1]["samples"] == 32
+    assert "8 steps" in trained(data, tmp_path, resume=True)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (
+            "train.optimisation={batch_size: 2}",
+            r"begun with train.optimisation.batch_size 4, now it is 2",
+        ),
+        ("train.model=cnn", "begun with train.model cnn-lie, now it is cnn"),
+        ("seed=3", "begun with seed 0, now it is 3"),
+    ],
+)
+def test_a_run_does_not_go_on_with_other_settings(data: Path, tmp_path: Path, change: str, said: str):
+    trained(data, tmp_path, "train.samples=8")
+    with pytest.raises(ConfigError, match=said):
+        trained(data, tmp_path, change, resume=True)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ("train.model=matchr", "train.model is 'matchr'; must be one of matcher, cnn, cnn-lie"),
+        ("train.settings={widht: 3}", "cnn-lie has no 'widht'; the nearest known is 'width'"),
+        ("train.settings={width: wide}", "width of cnn-lie is 'wide'; must be like 256"),
+        ("train.settings={cells: 96, width: 32}", "cells is 96; must divide the window's 48"),
+        ("train.samples=null", "train.minutes and train.samples are both null"),
+    ],
+)
+def test_wrong_settings_are_told(data: Path, tmp_path: Path, change: str, said: str):
+    with pytest.raises(ConfigError) as caught:
+        # As an override of its own, `settings` is laid over the others.
+        trained(data, tmp_path, change)
+    assert said in str(caught.value)
+    assert not (tmp_path / CHECKPOINT).exists()
+
+
+def test_shards_without_splits_are_one_line_and_exit_2(data: Path, tmp_path: Path):
+    unsplit = tmp_path / "unsplit"
+    unsplit.mkdir()
+    (unsplit / "dataset").symlink_to(data / "explore")
+    shown = rendezvous(command(unsplit, tmp_path / "run"))
+    assert shown.returncode == 2
+    assert shown.stderr.count("\n") == 1
+    assert "no pairs in pairs/train-*.parquet" in shown.stderr
+
+
+@pytest.mark.slow
+def test_a_truncated_checkpoint_is_one_line_and_exit_2(data: Path, tmp_path: Path):
+    trained(data, tmp_path, "train.samples=8")
+    path = tmp_path / CHECKPOINT
+    path.write_bytes(path.read_bytes()[:-100])
+    shown = rendezvous(command(data, tmp_path, "--resume"))
+    assert shown.returncode == 2
+    assert shown.stderr.count("\n") == 1
+    assert f"{path}: " in shown.stderr
+    assert "no whole checkpoint" in shown.stderr
+
+
+def test_a_checkpoint_of_other_weights_is_told(data: Path, tmp_path: Path):
+    import pipeline.training.checkpoint as checkpoint
+
+    trained(data, tmp_path, "train.samples=8")
+    found = read_checkpoint((tmp_path / CHECKPOINT).read_bytes(), where="here")
+    tensors = found.tensors | {"model.network.head.mlp.2.bias": torch.zeros(4)}
+    (tmp_path / CHECKPOINT).write_bytes(checkpoint._bytes(tensors, found.record))
+    with pytest.raises(PipelineError, match=r"network.head.mlp.2.bias is of shape \(4,\); must be of"):
+        trained(data, tmp_path, resume=True)
+
+
+@pytest.mark.slow
+def test_a_run_killed_at_any_time_goes_on_to_the_same_curve(data: Path, tmp_path: Path):
+    sets = ("--set", "train.samples=160", "--set", "train.checkpoint_every_s=0.001")
+    whole, killed = tmp_path / "whole", tmp_path / "killed"
+    assert rendezvous(command(data, whole, *sets)).returncode == 0
+    process = subprocess.Popen(
+        [sys.executable, "-m", "pipeline.cli", *command(data, killed, *sets)],
+        cwd=ROOT,
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,
+    )
+    deadline_s = time.monotonic() + 60.0
+    while not (killed / CURVE).exists() or not curve_of(killed):
+        assert time.monotonic() < deadline_s
+        assert process.poll() is None
+        time.sleep(0.01)
+    os.killpg(process.pid, signal.SIGKILL)
+    process.wait()
+    resumed = rendezvous(command(data, killed, *sets, "--resume"))
+    assert resumed.returncode == 0
+    assert "goes on from" in resumed.stderr
+    for mine, other in zip(curve_of(killed), curve_of(whole), strict=True):
+        elapsed_s = {"elapsed_s": pytest.approx(mine["elapsed_s"])}
+        assert mine == {k: pytest.approx(v, abs=1e-6) for k, v in other.items()} | elapsed_s
+
+
+@pytest.mark.slow
+def test_two_processes_find_what_one_finds_in_batches_twice_as_large(data: Path, tmp_path: Path):
+    sets = ("--set", "train.optimisation={precision: fp32}", "--set", "train.samples=64")
+    torchrun = [sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc-per-node", "2"]
+    both = subprocess.run(
+        [*torchrun, "-m", "pipeline.cli", *command(data, tmp_path / "two", *sets)],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        timeout=180,
+        env=os.environ | {"OMP_NUM_THREADS": "1"},
+    )
+    assert both.returncode == 0, both.stderr[-2000:]
+    trained(
+        data,
+        tmp_path / "one",
+        "train.optimisation={precision: fp32, batch_size: 8}",
+        "train.samples=64",
+    )
+    two, one = curve_of(tmp_path / "two"), curve_of(tmp_path / "one")
+    assert [point["samples"] for point in two] == [16, 32, 48, 64]
+    for mine, other in zip(two, one, strict=True):
+        assert mine["training_loss"] == pytest.approx(other["training_loss"], rel=1e-4)
+        assert mine["error_x_m"] == pytest.approx(other["error_x_m"], rel=1e-4)
