@@ -46,7 +46,7 @@ class MatcherConfig:
     coarse_factor: int = 4
     fine_factor: int = 2
     channels: int = 32
-    dilations: tuple[int, ...] = (1, 2, 4, 8, 1, 2, 4, 8, 1)
+    dilations: tuple[int, ...] = (1, 2, 4, 8, 16, 1, 2, 4, 8)
     coarse_features: int = 8
     fine_channels: int = 16
     fine_features: int = 4

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from pipeline.geometry.se2 import SE2, Array
 from pipeline.models.posterior import WHOLE, Gaussian, Posterior, log_sum_exp
+
+COARSE_SHARE = 0.01
+"""A close look ends somewhere, a truth may lie beyond: this much of the density is the coarse posterior's."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -35,4 +39,6 @@ class RefinedPosterior:
         """Log of the probability density at θ [1 / (m² rad)]; it integrates to 1."""
         with np.errstate(divide="ignore"):
             logs = np.log(self.masses) + np.array([piece.log_density(theta) for piece in self.pieces])
-        return log_sum_exp(np.append(logs, self.rest.log_density(theta)))
+        fine = log_sum_exp(np.append(logs, self.rest.log_density(theta)))
+        shares = math.log1p(-COARSE_SHARE), math.log(COARSE_SHARE)
+        return float(np.logaddexp(shares[0] + fine, shares[1] + self.coarse.log_density(theta)))
