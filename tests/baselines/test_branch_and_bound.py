@@ -78,15 +78,25 @@ def test_no_score_in_a_block_exceeds_its_bound_and_some_bounds_are_tight():
     assert min(slack) < 0.7 * np.median(slack)
 
 
-def test_of_equal_scores_the_first_cell_is_found():
+def test_a_tie_goes_to_the_first_cell_though_its_bound_is_tight_and_its_block_opened_last():
     cells = np.zeros((2, 40, 40), np.uint8)
-    cells[0, 20, 20] = cells[1, 20, [15, 25]] = OCCUPIED_CELL
+    cells[0, 20, 20] = cells[1, 20, [15, 24, 27]] = OCCUPIED_CELL
     search = SearchRange(xy_m=0.8, yaw_rad=0.0)
     scores = correlation(MapWindow(cells=cells, cell_m=0.1), search, heading_step_rad=0.1, **SETTINGS)
     volume = scores.scores(0, 0, 0, 17, 17)
-    assert np.argwhere(volume == volume.max()).tolist() == [[8, 3], [8, 13]]
-    best = best_cell(scores, block_bounds(scores))
-    assert best == ScoredCell(score=200, heading=0, row=8, col=3)
+    assert np.argwhere(volume == volume.max()).tolist() == [[8, 3], [8, 12], [8, 15]]
+    bounds = block_bounds(scores)
+    assert bounds[0, 2, 0] == volume.max() < bounds[0, 2, 3]
+    assert best_cell(scores, bounds) == ScoredCell(score=200, heading=0, row=8, col=3)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_of_equal_scores_the_first_cell_is_found_in_whatever_order_blocks_are_opened(seed: int):
+    cells = np.zeros((2, 40, 40), np.uint8)
+    rng = np.random.default_rng(seed)
+    for channel in cells:
+        channel[tuple(rng.integers(15, 25, (2, 3)))] = OCCUPIED_CELL
+    assert_found(MapWindow(cells=cells, cell_m=0.1), SearchRange(xy_m=1.0, yaw_rad=0.6), heading_step_rad=0.2)
 
 
 def test_the_best_cell_apart_is_the_best_of_the_others():

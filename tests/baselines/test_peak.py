@@ -63,3 +63,10 @@ def test_a_higher_temperature_widens_the_covariance():
     theta = SE2(0.42, -0.33, 0.2)
     cold, hot = (peak(theta, window_with(theta), temperature=t).covariance for t in (30.0, 300.0))
     assert (np.diag(hot) > np.diag(cold)).all()
+
+
+def test_it_is_never_surer_than_the_cells_of_its_box():
+    theta = SE2(0.42, -0.33, 0.2)
+    covariance = peak(theta, window_with(theta), temperature=0.01).covariance
+    step = np.array([0.05, 0.05, math.radians(0.5)])
+    assert (np.diag(covariance) >= 0.999 * step**2 / 12.0).all()
