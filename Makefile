@@ -11,7 +11,7 @@ RENDEZVOUS := $(VENV)/bin/rendezvous
 OPTIONS = --preset $(PRESET) --data $(DATA) $(if $(WORKERS),--workers $(WORKERS)) $(foreach item,$(SET),--set $(item))
 
 .DEFAULT_GOAL := help
-.PHONY: help setup dataset train inspect test test-fast check bench golden docs clean
+.PHONY: help setup dataset train inspect evaluate test test-fast check bench golden docs clean
 
 help:  ## print this
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -28,6 +28,9 @@ train: $(READY)  ## train the default estimator on DATA/dataset, about 20 minute
 
 inspect: $(READY)  ## draw contact sheets of DATA/dataset to report/
 	$(RENDEZVOUS) inspect $(DATA)/dataset
+
+evaluate: $(READY)  ## measure estimators of the frame error on DATA/dataset, report to report/index.html
+	$(RENDEZVOUS) evaluate --data $(DATA) $(if $(WORKERS),--workers $(WORKERS))
 
 test: $(READY)  ## all tests
 	$(VENV)/bin/python -m pytest

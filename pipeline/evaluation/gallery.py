@@ -21,6 +21,8 @@ PANEL_PX = 420
 _MARGIN_M = 0.5
 _ROBOT_PX = 9.0
 _HEAT: Colour = (236, 122, 8)
+_FULL_HEAT = 4.0
+"""Times its even share of attention at which a place has full colour."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -151,14 +153,14 @@ def _draw_robot(canvas: Canvas, view: View, T_v_r: SE2, colour: Colour) -> None:
 
 
 def attention_panel(window: MapWindow, attention: Array) -> Image:
-    """What a network looks at, laid over its window.
+    """What a network looks at, laid over its window: places with more than an even share.
 
     Args:
         window: both maps as it saw them.
-        attention: (P, P) share of each place, row growing with +y.
+        attention: (P, P) share of each place, row growing with +y; they sum to 1.
     """
     image = cv2.resize(_painted(window), (PANEL_PX, PANEL_PX), interpolation=cv2.INTER_AREA)
-    heat = cv2.resize(attention[::-1], (PANEL_PX, PANEL_PX), interpolation=cv2.INTER_CUBIC)
-    opacity = (heat / max(float(heat.max()), 1e-12)).clip(0.0, 1.0)[..., None] * 0.75
-    grey = image.mean(axis=2, keepdims=True) * 0.35 + image * 0.65
-    return np.asarray((1.0 - opacity) * grey + opacity * np.array(_HEAT), dtype=np.uint8)
+    times_even = (attention * attention.size)[::-1]
+    heat = cv2.resize(times_even, (PANEL_PX, PANEL_PX), interpolation=cv2.INTER_CUBIC)
+    opacity = 0.75 * ((heat - 1.0) / (_FULL_HEAT - 1.0)).clip(0.0, 1.0)[..., None]
+    return np.asarray((1.0 - opacity) * image + opacity * np.array(_HEAT), dtype=np.uint8)

@@ -11,6 +11,7 @@ from pipeline.evaluation.summary import Summary
 from pipeline.evaluation.training_curve import TrainingCurve
 
 _FORMAT = 1
+_LEARNED_SHARE = 0.8
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -77,6 +78,13 @@ class MeasuredRow:
     conditions: Conditions
     summary: Summary
     training: Training | None
+
+    @property
+    def has_learned(self) -> bool:
+        """Whether the mean error is well below that of answering zero: half of the range's half width."""
+        zero_m = 0.5 * self.conditions.xy_range_m
+        x_m, y_m, _ = (mean.value for mean in self.summary.overall.mean)
+        return 0.5 * (x_m + y_m) < _LEARNED_SHARE * zero_m
 
     def file_name(self) -> str:
         """Under which the row is kept: the latest of each method and range."""

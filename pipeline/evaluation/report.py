@@ -144,7 +144,8 @@ def _table_one(content: ReportContent) -> list[Html]:
             "is that of making no correction, and it counts as no success; “95 % below” is position, then "
             "heading. "
             f"“Not converged”: over the last quarter of training the validation error still fell by more "
-            f"than {STILL_FALLING:.0%}. “Recorded” rows are from an earlier run, told beside them; rows that "
+            f"than {STILL_FALLING:.0%}. “Has not learned”: the mean error is near that of answering zero. "
+            "“Recorded” rows are from an earlier run, told beside them; rows that "
             "nobody has trained stay empty.",
             kind="note",
         ),

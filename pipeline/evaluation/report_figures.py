@@ -20,7 +20,9 @@ from pipeline.geometry.occupancy_grid import Mask
 try:
     import matplotlib as mpl
     from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
     from matplotlib.figure import Figure
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 except ImportError as error:
     raise SetupError(
         "the report's charts need matplotlib, which is not installed; "
@@ -97,6 +99,7 @@ def _scatter(axis: Axes, name: str, outcomes: Outcomes, pairs: Pairs) -> None:
         axis.plot(edges[b : b + 2], [median_m, median_m], color=_rgb(INK), lw=1.8, solid_capstyle="butt")
     axis.axhline(SUCCESS_M, color=_rgb(MUTED), lw=0.8, ls=(0, (4, 3)))
     axis.set(yscale="log", ylim=(_LEAST_M, _MOST_M), xlim=(0.0, 1.0), title=title(name))
+    _plain_numbers(axis.yaxis)
 
 
 def cdf_chart(found: Mapping[str, Outcomes]) -> bytes:
@@ -113,6 +116,8 @@ def cdf_chart(found: Mapping[str, Outcomes]) -> bytes:
         left.set(xscale="log", xlim=(_LEAST_M, _MOST_M), ylim=(0.0, 1.0), xlabel="position error [m]")
         left.set_ylabel("share of pairs below")
         right.set(xscale="log", xlim=(_LEAST_DEG, _MOST_DEG), xlabel="heading error [°]")
+        for axis in (left, right):
+            _plain_numbers(axis.xaxis)
         figure.legend(*left.get_legend_handles_labels(), loc="outside upper left", ncols=_COLUMNS)
         return _png(figure)
 
@@ -175,8 +180,18 @@ def curve_chart(curves: Mapping[str, TrainingCurve]) -> bytes | None:
             right.plot(curve.samples, np.degrees(curve.yaw_rad), marker="o", ms=3, **style)
         left.set(xscale="log", yscale="log", xlabel="training samples", ylabel="mean |x|, |y| error [m]")
         right.set(xscale="log", yscale="log", xlabel="training samples", ylabel="mean heading error [°]")
+        for axis in (left, right):
+            _plain_numbers(axis.xaxis, digits=(1.0, 2.0, 5.0))
+            _plain_numbers(axis.yaxis, digits=(1.0, 2.0, 3.0, 5.0, 7.0))
         figure.legend(*left.get_legend_handles_labels(), loc="outside upper left", ncols=_COLUMNS - 1)
         return _png(figure)
+
+
+def _plain_numbers(axis: Axis, *, digits: tuple[float, ...] = (1.0,)) -> None:
+    """Ticks of a logarithmic axis at powers of ten times some digits, written as 0.01 and not as 10⁻²."""
+    axis.set_major_locator(LogLocator(subs=digits))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:,g}"))
+    axis.set_minor_formatter(NullFormatter())
 
 
 def _with_covariance(outcomes: Outcomes) -> Mask:

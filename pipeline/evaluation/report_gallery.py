@@ -68,7 +68,8 @@ def attention_section(attention: Mapping[str, Sequence[Panel]]) -> list[Html]:
     if out:
         note = (
             "Attention Rollout (Abnar & Zuidema, 2020) of the class token over the window, in the window's "
-            "own axes, for the pairs of the gallery."
+            "own axes, for the pairs of the gallery. Orange: more than an even share, at full strength four "
+            "times as much."
         )
         out.append(paragraph(note, kind="note"))
     return out

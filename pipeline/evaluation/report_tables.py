@@ -96,7 +96,9 @@ def _source(name: str, rows: Rows, measured: Sequence[str]) -> Cell:
         t = row.training
         minutes = "" if t.minutes is None else f", {t.minutes:.1f} min"
         told.append(f"seed {t.seed}, {t.samples:,} samples{minutes}")
-        if t.curve is not None and not t.curve.converged:
+        if not row.has_learned:
+            unfinished = badge("has not learned", "warning")
+        elif t.curve is not None and not t.curve.converged:
             unfinished = badge("not converged", "warning")
     return Cell(main=joined(where, " ", unfinished), small="; ".join(told), kind="words")
 

@@ -1,0 +1,183 @@
+"""Estimators of the frame error by name: those without a network, and trained ones from their weights.
+
+PyTorch is imported only where a trained one is asked for.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pipeline.alignment.estimate import FrameErrorEstimator
+from pipeline.alignment.window import SearchRange
+from pipeline.baselines.correlative import CorrelativeSearch
+from pipeline.baselines.hough import HoughSpectrum
+from pipeline.baselines.identity import Identity
+from pipeline.baselines.orb import OrbRansac
+from pipeline.errors import ConfigError, SetupError, StoreError
+from pipeline.evaluation.measured_row import Training
+from pipeline.evaluation.table_one import LEARNED, METHODS
+from pipeline.evaluation.training_curve import TrainingCurve
+from pipeline.store.disk import Disk
+
+if TYPE_CHECKING:
+    from pipeline.stages.trained_estimators import Trained
+
+ROOT = Path(__file__).parents[2]
+SHIPPED_WEIGHTS = ROOT / "assets" / "weights"
+RUNS = Path("runs")
+CURVE = "curve.json"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Method:
+    """One method that is to be measured.
+
+    Attributes:
+        name: of `METHODS`.
+        search: where to look for the frame error, for those that search.
+        weights: of a trained one; None for the others.
+    """
+
+    name: str
+    search: SearchRange
+    weights: Path | None = None
+
+    @property
+    def learned(self) -> bool:
+        """Whether it needs weights."""
+        return self.name in LEARNED
+
+    def weights_digest(self) -> str:
+        """Of the file; empty for a method without."""
+        return "" if self.weights is None else hashlib.sha256(_bytes(self.weights)).hexdigest()
+
+
+def chosen_methods(
+    names: tuple[str, ...], weights: Mapping[str, Path], *, xy_range_m: float, yaw_range_rad: float
+) -> list[Method]:
+    """The methods to measure, in the order of tables.
+
+    Args:
+        names: of `METHODS`; none for all that need no weights or have some.
+        weights: where those of some methods lie; for the others `runs/NAME`, then the shipped ones.
+        xy_range_m, yaw_range_rad: half widths of the frame errors.
+
+    Raises:
+        ConfigError: there is no such method, or no weights for it.
+    """
+    for name in (*names, *weights):
+        if name not in METHODS:
+            raise ConfigError(f"method {name!r} is unknown; must be one of {', '.join(METHODS)}")
+    for name in weights:
+        if name not in LEARNED:
+            raise ConfigError(
+                f"--weights {name}=...: {name} has no weights; those have: {', '.join(LEARNED)}"
+            )
+    search = SearchRange.covering(xy_m=xy_range_m, yaw_rad=yaw_range_rad)
+    out = []
+    for name in METHODS:
+        path = weights.get(name) or _found_weights(name)
+        if name in names and name in LEARNED and path is None:
+            places = " or ".join(str(place) for place in _weight_places(name))
+            raise ConfigError(
+                f"{name}: no weights in {places}; `rendezvous train --model {name}` makes them, "
+                f"--weights {name}=PATH names others"
+            )
+        runs_unasked = path is not None or name not in LEARNED
+        if name in names or (not names and runs_unasked):
+            out.append(Method(name=name, search=search, weights=path))
+    return out
+
+
+def baseline(method: Method) -> FrameErrorEstimator:
+    """A method without a network."""
+    match method.name:
+        case "identity":
+            return Identity()
+        case "hough":
+            return HoughSpectrum(search=method.search)
+        case "hough-global":
+            return HoughSpectrum()
+        case "orb":
+            return OrbRansac()
+        case _:
+            assert method.name == "correlative", method.name
+            return CorrelativeSearch(search=method.search)
+
+
+def trained(method: Method, *, threads: int) -> Trained:
+    """A method with a network, from its weights.
+
+    Raises:
+        SetupError: PyTorch is not installed.
+        StoreError: the weights are missing or damaged.
+        ConfigError: they are another model's.
+    """
+    try:
+        from pipeline.stages.trained_estimators import load
+    except ModuleNotFoundError as error:
+        raise SetupError(
+            f"{method.name} needs {error.name}, which is not installed; "
+            "`pip install 'rendezvous-fusion[learn]'` installs it"
+        ) from error
+    assert method.weights is not None
+    return load(
+        _bytes(method.weights), method.name, method.search, where=str(method.weights), threads=threads
+    )
+
+
+def training_of(method: Method, record: Mapping[str, Any]) -> Training:
+    """How a trained method came about.
+
+    Args:
+        method: with weights.
+        record: what the weights' file tells of it.
+
+    Raises:
+        StoreError: the curve beside the weights is damaged.
+    """
+    assert method.weights is not None
+    data = record["data"]
+    curve = _curve(method.weights.parent / CURVE, record)
+    return Training(
+        seed=record["seed"],
+        samples=record["samples"],
+        minutes=None if curve is None else curve.minutes,
+        data=data["folder"],
+        pairs=data["pairs"]["train"],
+        plans=data["plans"]["train"],
+        weights_digest=method.weights_digest(),
+        curve=curve,
+    )
+
+
+def _curve(path: Path, record: Mapping[str, Any]) -> TrainingCurve | None:
+    """The curve beside weights, if it is of the run that they are from."""
+    if not path.is_file():
+        return None
+    try:
+        told = json.loads(_bytes(path))
+        if any(told[key] != record[key] for key in ("model", "seed", "samples", "data")):
+            return None
+        return TrainingCurve.from_points(told["curve"])
+    except (ValueError, KeyError, TypeError) as error:
+        raise StoreError(f"{path}: no curve of a training run ({error}); train writes it anew") from error
+
+
+def _found_weights(name: str) -> Path | None:
+    return next((place for place in _weight_places(name) if place.is_file()), None)
+
+
+def _weight_places(name: str) -> tuple[Path, ...]:
+    if name not in LEARNED:
+        return ()
+    return RUNS / name / "weights.safetensors", SHIPPED_WEIGHTS / f"{name}.safetensors"
+
+
+def _bytes(path: Path) -> bytes:
+    return Disk(str(path.parent)).read(path.name)

@@ -1,0 +1,263 @@
+"""Measure estimators of the frame error on published pairs, and report: `index.html` and `metrics.json`."""
+
+from __future__ import annotations
+
+import math
+import os
+import platform
+import subprocess
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+
+from pipeline.errors import ConfigError
+from pipeline.evaluation.estimates import Outcomes, Pairs
+from pipeline.evaluation.gallery import Panel, attention_panel, chosen_pairs, panels
+from pipeline.evaluation.measured_row import Conditions, MeasuredRow, Training
+from pipeline.evaluation.report import ReportContent, report
+from pipeline.evaluation.report_gallery import Shown
+from pipeline.evaluation.statistics import resample_weights
+from pipeline.evaluation.summary import comparisons, ranking, summary
+from pipeline.evaluation.table_one import METHODS
+from pipeline.seeds import stream
+from pipeline.stages.estimators import ROOT, Method, chosen_methods, trained, training_of
+from pipeline.stages.measured_pairs import Trial, measured, perturbation_json
+from pipeline.store.disk import Disk
+from pipeline.store.read import StageReader, read_json
+from pipeline.store.records import digest_of, json_bytes
+from pipeline.training.pairs import SPLIT_NAMES, PairTable, read_pairs
+from pipeline.training.perturbation import PerturbationRange, perturbed_pair
+
+PAGE, METRICS, PERTURBATIONS = "index.html", "metrics.json", "perturbations.json"
+METRICS_KEY = "frame_error"
+RECORDS = ROOT / "assets" / "metrics"
+_PACKAGES = (
+    "rendezvous-fusion",
+    "numpy",
+    "scipy",
+    "opencv-python-headless",
+    "numba",
+    "pyarrow",
+    "matplotlib",
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Evaluation:
+    """What to measure.
+
+    Attributes:
+        dataset: folder that `pack` wrote.
+        split: of it.
+        count: at most so many pairs, drawn at random; None for all.
+        methods: of `METHODS`; none for all that need no weights or have some.
+        weights: where those of some methods lie.
+        xy_range_m, yaw_range_deg: half widths of the frame errors, drawn uniformly.
+        seed: of frame errors, window headings and the draw of pairs.
+        folder: of the report.
+        workers: processes.
+        records: folder of recorded rows.
+        record: whether to keep what is measured now among them.
+        console: where to tell.
+    """
+
+    dataset: str = "data/dataset"
+    split: str = "test"
+    count: int | None = None
+    methods: tuple[str, ...] = ()
+    weights: Mapping[str, Path] = field(default_factory=dict)
+    xy_range_m: float = 2.0
+    yaw_range_deg: float = 45.0
+    seed: int = 0
+    folder: Path = Path("report")
+    workers: int = 1
+    records: Path = RECORDS
+    record: bool = False
+    console: Console = field(default_factory=lambda: Console(stderr=True))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Result:
+    """What one method came to; `attention` by number of the pair."""
+
+    outcomes: Outcomes
+    training: Training | None
+    attention: Any
+
+
+def evaluate(settings: Evaluation) -> Path:
+    """Measure, record if asked to, and write the report.
+
+    Returns:
+        The page.
+
+    Raises:
+        StoreError: the dataset, weights or recorded rows are missing or damaged, or nothing can be written.
+        ConfigError: a split, method or range that there is not, or weights of another model.
+        SetupError: a package is missing.
+    """
+    if settings.split not in SPLIT_NAMES:
+        raise ConfigError(f"--split is {settings.split!r}; must be one of {', '.join(SPLIT_NAMES)}")
+    yaw_rad = math.radians(settings.yaw_range_deg)
+    range_ = PerturbationRange(xy_m=settings.xy_range_m, yaw_rad=yaw_rad)
+    methods = chosen_methods(
+        settings.methods, settings.weights, xy_range_m=settings.xy_range_m, yaw_range_rad=yaw_rad
+    )
+    pairs = read_pairs(StageReader(settings.dataset, "pack"), settings.split)
+    trial = Trial.of(pairs, _drawn(pairs, settings), range_, seed=settings.seed)
+    results = {method.name: _result(method, trial, settings) for method in methods}
+    content = _content(trial, results, settings)
+    if settings.record:
+        _record(content, settings)
+    _write(content, trial, settings)
+    return settings.folder / PAGE
+
+
+def _drawn(pairs: PairTable, settings: Evaluation) -> Sequence[int]:
+    """Indices of the pairs to measure, in order; a larger draw holds a smaller one."""
+    order = stream(settings.seed, "evaluation", "pairs").permutation(len(pairs))
+    return sorted(int(index) for index in order[: settings.count])
+
+
+def _result(method: Method, trial: Trial, settings: Evaluation) -> _Result:
+    loaded = trained(method, threads=settings.workers) if method.learned else None
+    return _Result(
+        outcomes=measured(
+            method,
+            None if loaded is None else loaded.estimator,
+            trial,
+            folder=settings.folder,
+            workers=settings.workers,
+            console=settings.console,
+        ),
+        training=None if loaded is None else training_of(method, loaded.record),
+        attention=None if loaded is None else loaded.attention,
+    )
+
+
+def _content(trial: Trial, results: Mapping[str, _Result], settings: Evaluation) -> ReportContent:
+    conditions = _conditions(trial, settings)
+    pairs = Pairs.of(np.array(trial.column("overlap")), trial.column("plan_id"))
+    weights = resample_weights(pairs.plan, rng=stream(settings.seed, "evaluation", "bootstrap"))
+    found = {name: result.outcomes for name, result in results.items()}
+    rows = {
+        name: MeasuredRow(
+            method=name,
+            conditions=conditions,
+            summary=summary(result.outcomes, pairs, weights),
+            training=result.training,
+        )
+        for name, result in results.items()
+    }
+    rows = _recorded(conditions, settings.records) | rows
+    gallery, attention = _pictures(trial, results, pairs)
+    return ReportContent(
+        conditions=conditions,
+        found=found,
+        rows={name: rows[name] for name in METHODS if name in rows},
+        pairs=pairs,
+        comparisons=comparisons(found, weights),
+        gallery=gallery,
+        attention=attention,
+        dataset=settings.dataset,
+        versions={name: metadata.version(name) for name in _PACKAGES},
+    )
+
+
+def _recorded(conditions: Conditions, folder: Path) -> dict[str, MeasuredRow]:
+    """Rows of earlier runs over the same range, by method."""
+    disk = Disk(str(folder))
+    kept = [
+        MeasuredRow.from_json(read_json(disk, name) or {}, where=disk.shown(name))
+        for name in disk.names()
+        if name.endswith(".json")
+    ]
+    return {row.method: row for row in kept if row.conditions.same_range(conditions)}
+
+
+def _pictures(
+    trial: Trial, results: Mapping[str, _Result], pairs: Pairs
+) -> tuple[list[Shown], dict[str, list[Panel]]]:
+    """The gallery, and what networks look at in its pairs."""
+    found = {name: result.outcomes for name, result in results.items()}
+    # Without a correction a pair is as it was given, which is drawn already.
+    drawn = {name: outcomes for name, outcomes in found.items() if name != "identity"}
+    gallery: list[Shown] = []
+    attention: dict[str, list[Panel]] = {}
+    for chosen in chosen_pairs(found[ranking(found)[0]], pairs):
+        pair, perturbation = trial[chosen.index]
+        sample = perturbed_pair(pair, perturbation)
+        shown = panels(pair, sample, drawn, chosen.index)
+        gallery.append(Shown(pair_id=pair.pair_id, why=chosen.why, overlap=pair.overlap, panels=tuple(shown)))
+        for name, result in results.items():
+            if result.attention is not None:
+                picture = attention_panel(sample.window, result.attention(sample.window))
+                panel = Panel(name=chosen.why, image=picture, position_m=None, heading_rad=None)
+                attention.setdefault(name, []).append(panel)
+    return gallery, attention
+
+
+def _record(content: ReportContent, settings: Evaluation) -> None:
+    """Keep what was measured now."""
+    disk = Disk(str(settings.records))
+    for name in content.found:
+        row = content.rows[name]
+        disk.write(row.file_name(), json_bytes(row.to_json()))
+        settings.console.print(f"recorded {disk.shown(row.file_name())}", highlight=False)
+
+
+def _write(content: ReportContent, trial: Trial, settings: Evaluation) -> None:
+    disk = Disk(str(settings.folder))
+    kept = read_json(disk, METRICS) or {}
+    told = {
+        "conditions": asdict(content.conditions),
+        "methods": {
+            name: {**row.to_json(), "source": "measured" if name in content.found else "recorded"}
+            for name, row in content.rows.items()
+        },
+        "comparisons": [comparison.to_json() for comparison in content.comparisons],
+    }
+    disk.write(PERTURBATIONS, perturbation_json(trial.drawn()))
+    disk.write(METRICS, json_bytes({**kept, METRICS_KEY: told}))
+    disk.write(PAGE, report(content).encode())
+
+
+def _conditions(trial: Trial, settings: Evaluation) -> Conditions:
+    return Conditions(
+        split=settings.split,
+        pairs=len(trial.indices),
+        plans=len(set(trial.column("plan_id"))),
+        data_digest=trial.data_digest(),
+        perturbation_digest=digest_of(trial.drawn()),
+        seed=settings.seed,
+        xy_range_m=settings.xy_range_m,
+        yaw_range_deg=settings.yaw_range_deg,
+        commit=_commit(),
+        hardware=_hardware(),
+    )
+
+
+def _commit() -> str:
+    """Of the code, if it is in a git checkout; marked if files differ from it."""
+    git = ["git", "-C", str(ROOT), "describe", "--always", "--abbrev=40", "--exclude=*", "--dirty=+changes"]
+    try:
+        return subprocess.run(git, capture_output=True, text=True, check=True).stdout.strip()
+    except (OSError, subprocess.CalledProcessError):
+        return ""
+
+
+def _hardware() -> str:
+    """E.g. `2 cores of Intel(R) Xeon(R) CPU @ 2.20GHz`."""
+    cores, model = len(os.sched_getaffinity(0)), platform.processor() or platform.machine()
+    info = Path("/proc/cpuinfo")
+    if info.is_file():
+        lines = info.read_text(encoding="utf-8").splitlines()
+        model = next(
+            (line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")), model
+        )
+    return f"{cores} cores of {model}"

@@ -1,0 +1,118 @@
+"""Trained networks as estimators of the frame error."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import torch
+from pydantic import TypeAdapter, ValidationError
+
+from pipeline.alignment.estimate import Estimate, FrameErrorEstimator
+from pipeline.alignment.window import MapWindow, SearchRange
+from pipeline.errors import ConfigError
+from pipeline.geometry.se2 import SE2, Array
+from pipeline.models.attention import attention_rollout
+from pipeline.models.frame_error import FrameErrorViT, input_grid
+from pipeline.models.matcher_estimator import MatcherEstimator
+from pipeline.models.refined_posterior import RefinedPosterior
+from pipeline.training.checkpoint import fit_weights_in_place, read_checkpoint
+from pipeline.training.model import FrameErrorModel
+from pipeline.training.parameters import Sampling
+from pipeline.training.registry import MatcherModel, PaperModel, build_model
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Trained:
+    """A trained method.
+
+    Attributes:
+        estimator: window in, frame error out.
+        record: what its weights' file tells of its training.
+        attention: (P, P) what it looks at in a window; None for a network without attention.
+    """
+
+    estimator: FrameErrorEstimator
+    record: Mapping[str, Any]
+    attention: Callable[[MapWindow], Array] | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NetworkEstimator:
+    """A network that gives the frame error and nothing else."""
+
+    name: str
+    model: FrameErrorModel
+
+    @torch.inference_mode()
+    def __call__(self, window: MapWindow) -> Estimate:
+        """The frame error that the network sees."""
+        device = next(self.model.parameters()).device
+        theta = self.model.theta(torch.from_numpy(window.cells)[None].to(device))[0]
+        return Estimate(theta=SE2.from_array(theta.double().cpu().tolist()).wrapped())
+
+
+@dataclass(frozen=True, kw_only=True)
+class RememberingMatcher(MatcherEstimator):
+    """Keeps the posterior of the last window, so that its density is had without a second look."""
+
+    last: dict[str, Any] = field(default_factory=dict, repr=False)
+
+    def posterior(self, window: MapWindow) -> RefinedPosterior:
+        """The posterior of θ over the search."""
+        if self.last.get("window") is not window:
+            self.last.update(window=window, posterior=MatcherEstimator.posterior(self, window))
+        found: RefinedPosterior = self.last["posterior"]
+        return found
+
+
+def load(data: bytes, name: str, search: SearchRange, *, where: str, threads: int) -> Trained:
+    """A trained method from the bytes of its weights.
+
+    Args:
+        data: as `train` writes them.
+        name: the model that they should be of.
+        search: where to look, for a model that searches.
+        where: for messages.
+        threads: of the processor that the network may use.
+
+    Raises:
+        StoreError: the file is damaged.
+        ConfigError: the weights are another model's.
+    """
+    found = read_checkpoint(data, where=where)
+    record = found.record
+    if record.get("model") != name:
+        raise ConfigError(f"{where}: weights of {record.get('model')!r}; must be those of {name!r}")
+    torch.set_num_threads(threads)
+    try:
+        sampling = TypeAdapter(Sampling).validate_python(record["sampling"])
+    except ValidationError as error:
+        told = error.errors()[0]
+        place = ".".join(str(key) for key in told["loc"])
+        raise ConfigError(f"{where}: sampling.{place}: {told['msg']}; train anew") from error
+    model = build_model(name, record["settings"], sampling, seed=0)
+    fit_weights_in_place(model, found.under("average.") or found.tensors, where=where)
+    model = model.to("cuda" if torch.cuda.is_available() else "cpu").eval()
+    if isinstance(model, MatcherModel):
+        estimator = RememberingMatcher(model=model.network, search=search)
+        return Trained(estimator=estimator, record=record, attention=None)
+    assert isinstance(model, PaperModel)
+    network = model.network
+    return Trained(
+        estimator=NetworkEstimator(name=name, model=model),
+        record=record,
+        attention=_attention(network) if isinstance(network, FrameErrorViT) else None,
+    )
+
+
+def _attention(network: FrameErrorViT) -> Callable[[MapWindow], Array]:
+    @torch.inference_mode()
+    def looked_at(window: MapWindow) -> Array:
+        cells = torch.from_numpy(window.cells)[None].to(next(network.parameters()).device)
+        _, attention_BLhTT = network.with_attention(input_grid(cells, cells=network.config.cells))
+        places: Array = attention_rollout(attention_BLhTT)[0].double().cpu().numpy()
+        return places
+
+    return looked_at
