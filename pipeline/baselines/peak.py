@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numba as nb
 import numpy as np
 
-from pipeline.alignment.frame_error import pose_difference
 from pipeline.alignment.window import OCCUPIED_CELL, MapWindow
 from pipeline.baselines.correlation import SCORE_SCALE, Field, likelihood_field
 from pipeline.geometry.se2 import SE2, Array
@@ -52,22 +51,34 @@ def peak_around(
         steps_xy, steps_yaw: cells from the centre to the border of the box.
         temperature: in wall cells.
     """
-    differences = _box(step_m, step_rad, steps_xy, steps_yaw)
-    thetas = np.array([(theta @ SE2.from_array(d)).as_array() for d in differences])
-    scores = motion_scores(thetas, window, blur_m=blur_m, free_penalty=free_penalty)
+    box = _box(step_m, step_rad, steps_xy, steps_yaw)
+    scores = motion_scores(_composed(theta, box), window, blur_m=blur_m, free_penalty=free_penalty)
     weights = np.exp((scores - scores.max()) / temperature)
     weights /= weights.sum()
-    mean = theta @ SE2.from_array(weights @ differences)
-    offsets = np.array([pose_difference(mean, SE2.from_array(t)).as_array() for t in thetas])
+    to_mean = SE2.from_array(weights @ box)
+    offsets = _composed(to_mean.inverse(), box)
     # What is finer than the box's cells is uniform within them.
     within = np.diag(np.array([step_m, step_m, step_rad]) ** 2 / 12.0)
-    return Peak(mean=mean.wrapped(), covariance=(weights[:, None] * offsets).T @ offsets + within)
+    covariance = (weights[:, None] * offsets).T @ offsets + within
+    return Peak(mean=(theta @ to_mean).wrapped(), covariance=covariance)
 
 
 def _box(step_m: float, step_rad: float, steps_xy: int, steps_yaw: int) -> Array:
     """(B, 3) small motions on a grid around the identity."""
     xy, yaw = np.arange(-steps_xy, steps_xy + 1) * step_m, np.arange(-steps_yaw, steps_yaw + 1) * step_rad
     return np.stack(np.meshgrid(xy, xy, yaw, indexing="ij"), axis=-1).reshape(-1, 3)
+
+
+def _composed(first: SE2, motions: Array) -> Array:
+    """(M, 3): `first @ motion` for motions (M, 3)."""
+    return np.column_stack([first @ motions[:, :2], first.yaw_rad + motions[:, 2]])
+
+
+def _inverses(motions: Array) -> Array:
+    """(M, 3): of motions (M, 3)."""
+    (x, y), yaw_rad = motions[:, :2].T, motions[:, 2]
+    c, s = np.cos(yaw_rad), np.sin(yaw_rad)
+    return np.column_stack([-c * x - s * y, s * x - c * y, -yaw_rad])
 
 
 def motion_scores(thetas: Array, window: MapWindow, *, blur_m: float, free_penalty: float) -> Array:
@@ -80,10 +91,8 @@ def motion_scores(thetas: Array, window: MapWindow, *, blur_m: float, free_penal
     walls = [
         (np.argwhere(cells == OCCUPIED_CELL)[:, ::-1] - centre) * window.cell_m for cells in window.cells
     ]
-    inverses = np.array([SE2.from_array(t).inverse().as_array() for t in thetas])
-    total = _scores(inverses, fields[0], walls[1], window.cell_m) + _scores(
-        thetas, fields[1], walls[0], window.cell_m
-    )
+    total = _scores(_inverses(thetas), fields[0], walls[1], window.cell_m)
+    total += _scores(thetas, fields[1], walls[0], window.cell_m)
     return total / SCORE_SCALE
 
 
