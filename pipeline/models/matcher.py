@@ -22,8 +22,8 @@ from torch.nn import functional
 
 from pipeline.alignment.window import OCCUPIED_CELL, UNKNOWN_CELL
 from pipeline.errors import ConfigError
+from pipeline.models import se2_correlation
 from pipeline.models.matcher_loss import LossSampling, matcher_loss
-from pipeline.models.se2_correlation import turned_correlation
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -172,16 +172,17 @@ class Matcher(nn.Module):
         """(B, H, Y, X): logits of θ at slides of -reach..reach coarse cells along both axes."""
         grid = features.coarse_BMFYX
         lags = torch.arange(-reach, reach + 1.0, device=grid.device).expand(*heading_BH_rad.shape, -1)
-        scores = turned_correlation(grid[:, 0], grid[:, 1], heading_BH_rad, lags, lags, reach=reach)
+        scores = se2_correlation.scores(grid[:, 0], grid[:, 1], heading_BH_rad, lags, lags, whole_range=True)
         return scores * torch.exp(self.coarse_log_scale)
 
     def fine_scores(
         self, features: Features, heading_BH_rad: Tensor, y_BHY_m: Tensor, x_BHX_m: Tensor
     ) -> Tensor:
-        """(B, H, Y, X): logits of θ = (x, y, heading), each heading with translations of its own."""
+        """(B, H, Y, X): logits of θ, each heading with close translations of its own."""
         grid, cell_m = features.fine_BMFYX, self.config.fine_cell_m
-        scores = turned_correlation(
-            grid[:, 0], grid[:, 1], heading_BH_rad, y_BHY_m / cell_m, x_BHX_m / cell_m, reach=0
+        y_BHY, x_BHX = y_BHY_m / cell_m, x_BHX_m / cell_m
+        scores = se2_correlation.scores(
+            grid[:, 0], grid[:, 1], heading_BH_rad, y_BHY, x_BHX, whole_range=False
         )
         return scores * torch.exp(self.fine_log_scale)
 

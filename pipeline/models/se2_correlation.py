@@ -17,15 +17,22 @@ from torch import Tensor
 from torch.nn import functional
 
 
-def turned(grid_BFYX: Tensor, heading_BH_rad: Tensor) -> Tensor:
-    """(B, F, H, Y, X): each grid turned about its middle by each of its headings, zero from outside."""
+def moved(grid_BFYX: Tensor, heading_BH_rad: Tensor, shift_BH2: Tensor | None = None) -> Tensor:
+    """(B, F, H, Y, X): each grid turned about its middle by each of its headings, zero from outside.
+
+    Args:
+        grid_BFYX: the grids.
+        heading_BH_rad: the headings.
+        shift_BH2: by how much to shift each turned grid along x and y [cells]; not at all by default.
+    """
     B, H = heading_BH_rad.shape
     height, width = grid_BFYX.shape[-2:]
     c, s = heading_BH_rad.cos().reshape(-1), heading_BH_rad.sin().reshape(-1)
-    zero = torch.zeros_like(c)
-    # The turned grid holds at p what the grid holds at R⁻¹ p.
-    R_inverse = torch.stack([torch.stack([c, s, zero], -1), torch.stack([-s, c, zero], -1)], -2)
-    where = functional.affine_grid(R_inverse, [B * H, 1, height, width], align_corners=False)
+    shift = torch.zeros(B * H, 2).to(c) if shift_BH2 is None else shift_BH2.reshape(-1, 2)
+    x, y = (shift * shift.new_tensor([2.0 / width, 2.0 / height])).unbind(-1)
+    # The moved grid holds at p what the grid holds at R⁻¹ (p - shift).
+    rows = torch.stack([c, s, -c * x - s * y], -1), torch.stack([-s, c, s * x - c * y], -1)
+    where = functional.affine_grid(torch.stack(rows, -2), [B * H, 1, height, width], align_corners=False)
     # All headings as one tall image: the grid itself need not be repeated.
     tall = functional.grid_sample(
         grid_BFYX, where.reshape(B, H * height, width, 2), padding_mode="zeros", align_corners=False
@@ -33,8 +40,8 @@ def turned(grid_BFYX: Tensor, heading_BH_rad: Tensor) -> Tensor:
     return tall.reshape(B, -1, H, height, width)
 
 
-def turned_correlation(
-    a_BFYX: Tensor, b_BFYX: Tensor, heading_BH_rad: Tensor, y_BHY: Tensor, x_BHX: Tensor, *, reach: int
+def scores(
+    a_BFYX: Tensor, b_BFYX: Tensor, heading_BH_rad: Tensor, y_BHY: Tensor, x_BHX: Tensor, *, whole_range: bool
 ) -> Tensor:
     """(B, H, Y, X): score of every heading and slide.
 
@@ -42,16 +49,23 @@ def turned_correlation(
         a_BFYX, b_BFYX: features of map 0, and of map 1 as placed.
         heading_BH_rad: the headings.
         y_BHY, x_BHX: the slides of each heading along both axes [cells], any fraction of one.
-        reach: the longest of them [cells]; what leaves the grid does not come back in at the other side.
+        whole_range: the slides reach to both sides of zero, and room is made for the longest. Else they lie
+            close together, perhaps far away: map 0 is brought there first, which takes a smaller FFT.
     """
-    size = fft_size(a_BFYX.shape[-1] + reach)
+    side = a_BFYX.shape[-1]
+    shift_BH2 = torch.zeros(*heading_BH_rad.shape, 2).to(heading_BH_rad)
+    size = fft_size(side)
+    if whole_range:
+        size = fft_size(side + math.ceil(float(torch.maximum(y_BHY.abs().max(), x_BHX.abs().max()))))
+    else:
+        shift_BH2 = torch.stack([x_BHX.mean(-1), y_BHY.mean(-1)], -1).round()
+        x_BHX, y_BHY = x_BHX - shift_BH2[..., :1], y_BHY - shift_BH2[..., 1:]
     # One pair's spectra stay in a CPU's cache and below the size from which the allocator returns every
     # block to the system, to be cleared again: half the time of a whole batch at once.
     at_once = 1 if a_BFYX.device.type == "cpu" else len(a_BFYX)
-    parts = zip(
-        *(torch.split(t, at_once) for t in (a_BFYX, b_BFYX, heading_BH_rad, y_BHY, x_BHX)), strict=True
-    )
-    return torch.cat([correlation(turned(a, heading), b, y, x, size) for a, b, heading, y, x in parts])
+    whole = (a_BFYX, b_BFYX, heading_BH_rad, shift_BH2, y_BHY, x_BHX)
+    parts = zip(*(torch.split(tensor, at_once) for tensor in whole), strict=True)
+    return torch.cat([correlation(moved(a, turn, shift), b, y, x, size) for a, b, turn, shift, y, x in parts])
 
 
 def correlation(a_BFHYX: Tensor, b_BFYX: Tensor, y_BHY: Tensor, x_BHX: Tensor, size: int) -> Tensor:
@@ -61,7 +75,7 @@ def correlation(a_BFHYX: Tensor, b_BFYX: Tensor, y_BHY: Tensor, x_BHX: Tensor, s
     side wraps around.
 
     Args:
-        a_BFHYX: map 0, turned.
+        a_BFHYX: map 0, moved.
         b_BFYX: map 1 as placed.
         y_BHY, x_BHX: the slides of each heading along both axes [cells].
         size: side of the FFT, N.

@@ -15,7 +15,7 @@ from pipeline.models.matcher import Matcher, MatcherConfig
 from pipeline.models.matcher_estimator import MatcherEstimator
 from pipeline.models.matcher_loss import LossSampling, matcher_loss
 from pipeline.models.posterior import Gaussian
-from pipeline.models.se2_correlation import correlation, fft_size, turned, turned_correlation
+from pipeline.models.se2_correlation import correlation, fft_size, moved, scores
 from tests.models.worlds import misplaced, rooms
 
 SMALL = MatcherConfig(
@@ -91,10 +91,38 @@ def test_correlation_s_gradient_is_its_derivative():
 
 def test_a_grid_turned_by_a_quarter_holds_at_p_what_was_at_the_quarter_back():
     grid = torch.arange(16.0).reshape(1, 1, 4, 4)
-    found = turned(grid, torch.tensor([[0.0, math.pi / 2]]))
+    found = moved(grid, torch.tensor([[0.0, math.pi / 2]]))
     assert found[0, 0, 0].numpy() == pytest.approx(grid[0, 0].numpy())
     # Rows grow with y: what was ahead on +x comes to lie on +y.
     assert found[0, 0, 1].numpy() == pytest.approx(np.rot90(grid[0, 0].numpy(), -1), abs=1e-4)
+
+
+def test_a_grid_is_turned_first_and_shifted_then():
+    grid = torch.arange(16.0).reshape(1, 1, 4, 4)
+    turn = torch.tensor([[math.pi / 2]])
+    found = moved(grid, turn, torch.tensor([[[2.0, -1.0]]]))[0, 0, 0]
+    assert found[:3, 2:].numpy() == pytest.approx(moved(grid, turn)[0, 0, 0, 1:, :2].numpy(), abs=1e-4)
+    assert found[3:].abs().max() == found[:, :2].abs().max() == 0.0
+
+
+@pytest.mark.parametrize("whole_range", [True, False])
+def test_what_slides_out_of_the_window_does_not_come_back_on_the_other_side(whole_range):
+    a, b = torch.zeros(1, 1, 8, 8), torch.zeros(1, 1, 8, 8)
+    a[..., 4, 7], b[..., 4, 1] = 1.0, 1.0
+    y, x = torch.zeros(1, 1, 1), torch.tensor([[[-6.0, 2.0]]])
+    found = scores(a, b, torch.zeros(1, 1), y, x if whole_range else x[..., 1:], whole_range=whole_range)
+    assert found[..., -1].item() == pytest.approx(0.0, abs=1e-5)
+    back = scores(a, b, torch.zeros(1, 1), y, x[..., :1], whole_range=whole_range)
+    assert back.item() == pytest.approx(1.0, abs=1e-4)
+
+
+def test_both_ways_of_sliding_give_the_same_scores():
+    generator = torch.Generator().manual_seed(0)
+    a, b = (nn.functional.pad(torch.randn(1, 2, 8, 8, generator=generator), [4] * 4) for _ in range(2))
+    heading = torch.full((1, 1), 0.3)
+    slides = torch.tensor([[[1.0, 2.0, 3.0]]])
+    near, far = (scores(a, b, heading, slides, slides, whole_range=whole) for whole in (False, True))
+    assert near.numpy() == pytest.approx(far.numpy(), abs=1e-3)
 
 
 def test_pairs_do_not_meet_in_a_batch():
@@ -102,8 +130,8 @@ def test_pairs_do_not_meet_in_a_batch():
     a, b = (torch.randn(3, 2, 8, 8, generator=generator) for _ in range(2))
     heading = torch.rand(3, 4, generator=generator)
     slides = torch.arange(-2.0, 3.0).expand(3, 4, -1)
-    together = turned_correlation(a, b, heading, slides, slides, reach=2)
-    alone = turned_correlation(a[1:2], b[1:2], heading[1:2], slides[1:2], slides[1:2], reach=2)
+    together = scores(a, b, heading, slides, slides, whole_range=True)
+    alone = scores(a[1:2], b[1:2], heading[1:2], slides[1:2], slides[1:2], whole_range=True)
     assert together[1].numpy() == pytest.approx(alone[0].numpy(), abs=1e-4)
 
 
@@ -116,8 +144,8 @@ def test_walls_that_are_correlated_peak_at_theta():
     matcher, window = wall_matcher(), window_of(THETA)
     features = matcher.features(torch.from_numpy(window.cells)[None])
     headings = torch.deg2rad(torch.arange(-45.0, 46.0, 3.0))[None]
-    scores = matcher.coarse_scores(features, headings, 14)[0]
-    h, y, x = np.unravel_index(int(scores.argmax()), scores.shape)
+    volume = matcher.coarse_scores(features, headings, 14)[0]
+    h, y, x = np.unravel_index(int(volume.argmax()), volume.shape)
     assert headings[0, h] == pytest.approx(THETA.yaw_rad)
     assert 0.2 * (x - 14) == pytest.approx(THETA.x_m, abs=0.11)
     assert 0.2 * (y - 14) == pytest.approx(THETA.y_m, abs=0.11)
@@ -129,8 +157,8 @@ def test_fine_and_coarse_scores_peak_at_the_same_place():
     headings = THETA.yaw_rad + torch.deg2rad(torch.arange(-3.0, 3.5, 1.0))[None]
     offsets = 0.04 * torch.arange(-8.0, 9.0)
     y_m, x_m = ((centre + offsets).expand(1, 7, -1) for centre in (THETA.y_m, THETA.x_m))
-    scores = matcher.fine_scores(features, headings, y_m, x_m)[0]
-    h, y, x = np.unravel_index(int(scores.argmax()), scores.shape)
+    volume = matcher.fine_scores(features, headings, y_m, x_m)[0]
+    h, y, x = np.unravel_index(int(volume.argmax()), volume.shape)
     assert h == 3
     assert max(abs(offsets[y]), abs(offsets[x])) < 0.05
 
