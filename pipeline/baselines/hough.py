@@ -44,7 +44,7 @@ class HoughSpectrum:
         return "Hough spectrum" if self.search is None else "Hough spectrum, in range"
 
     def __call__(self, window: MapWindow) -> Estimate:
-        """The frame error; a failure where a map has no walls, or no heading in the range is a maximum."""
+        """The frame error; a failure without walls, a heading in the range, or cells that agree."""
         walls_0, walls_1 = (_wall_centres(cells, window.cell_m) for cells in window.cells)
         for channel, walls_m in enumerate((walls_0, walls_1)):
             if len(walls_m) == 0:
@@ -55,7 +55,10 @@ class HoughSpectrum:
             return Estimate(theta=None, reason="the spectra agree at no heading in the range")
         axis_rad = float(spectrum_0.argmax()) * 2.0 * math.pi / self.directions
         tried = [self._shifted(walls_0, walls_1, yaw_rad, axis_rad, window) for yaw_rad in headings_rad]
-        return Estimate(theta=max(tried, key=lambda theta: agreement(window, theta)).wrapped())
+        agreed, theta = max(((agreement(window, theta), theta) for theta in tried), key=lambda pair: pair[0])
+        if agreed == 0.0:
+            return Estimate(theta=None, reason="no motion that was tried lets both maps agree on any cell")
+        return Estimate(theta=theta.wrapped())
 
     def _spectrum(self, walls_m: Array, window: MapWindow) -> Array:
         """(directions,) sum over distance of the squared Hough transform, normalised to 1 in all."""

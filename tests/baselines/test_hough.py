@@ -73,6 +73,16 @@ def test_a_map_without_walls_is_a_failure_that_says_so(channel: int):
     assert estimate.reason == f"map {channel} has no walls in the window"
 
 
+def test_maps_that_the_range_cannot_bring_together_are_a_failure_that_says_so():
+    cells = np.zeros((2, 384, 384), np.uint8)
+    cells[0, 40:60, 40] = cells[0, 40, 40:80] = cells[1, 340:360, 340] = cells[1, 340, 300:340] = (
+        OCCUPIED_CELL
+    )
+    estimate = IN_RANGE(MapWindow(cells=cells, cell_m=0.05))
+    assert estimate.theta is None
+    assert estimate.reason == "no motion that was tried lets both maps agree on any cell"
+
+
 def test_in_range_it_agrees_with_the_registration_of_the_real_pair(real_data):
     for theta in (SE2(1.0, -0.5, 0.4), SE2(-1.3, 0.9, -0.6), SE2(0.2, 1.4, 0.1)):
         distance_m, angle_deg = error_of(IN_RANGE(real_window(real_data, theta)).theta, theta)
