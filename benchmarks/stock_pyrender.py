@@ -45,7 +45,7 @@ class _Pool:
         from pipeline.rendering.thing_meshes import thing_meshes
         from pipeline.robot_file import load_robot, load_robot_model
 
-        parts = robot_parts(load_robot_model(setting.robot))
+        parts = robot_parts(load_robot_model(setting.robot), source=setting.robot)
         _, robot_meshes = robot_looks(load_robot(setting.robot), parts)
         self._meshes = {**plan_meshes(), **thing_meshes(), **robot_meshes}
         self._kept: dict[tuple[str, str], Any] = {}

@@ -240,7 +240,7 @@ _SIGHTING = (
 _DRAWN = Column(
     name="drawn",
     type=pa.string(),
-    about="All that was drawn at random for the image, as JSON: light, materials, things about, the camera's settings and flaws, and the renderer.",
+    about="All that was drawn at random for the image, as JSON: light, materials, things about, the camera's settings and flaws; backgrounds, noise and furnishings by the number that makes them again; and the renderer.",
 )
 
 _LABEL = (

@@ -10,6 +10,7 @@ import numpy as np
 from pipeline.rendering.colour import srgb_from_linear
 from pipeline.rendering.materials import cloth_tint, wall_tint
 from pipeline.rendering.noise import Field
+from pipeline.rendering.record import JsonValue
 from pipeline.rendering.scene import Image
 
 SHARPEST_PX, SOFTEST_PX = 1.2, 9.0
@@ -68,12 +69,16 @@ def draw_background(
     *,
     width_px: int,
     height_px: int,
-) -> tuple[Image, str]:
-    """A background, and what it is: `photo-N` if there are photos, else `room`."""
+) -> tuple[Image, Mapping[str, JsonValue]]:
+    """A background, and what makes it again: the index of the photo, if there are any, and a seed."""
+    seed = int(rng.integers(2**31))
+    own = np.random.default_rng(seed)
     if photos:
-        index = int(rng.integers(len(photos)))
-        return photo_background(rng, photos[index], width_px=width_px, height_px=height_px), f"photo-{index}"
-    return room_background(rng, textures, width_px=width_px, height_px=height_px), "room"
+        index = int(own.integers(len(photos)))
+        image = photo_background(own, photos[index], width_px=width_px, height_px=height_px)
+        return image, {"photo": index, "seed": seed}
+    image = room_background(own, textures, width_px=width_px, height_px=height_px)
+    return image, {"photo": None, "seed": seed}
 
 
 def _tint(linear: tuple[float, float, float]) -> Field:

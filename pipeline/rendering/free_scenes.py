@@ -68,7 +68,7 @@ def draw_free(
     # The background was taken in white light.
     effects = draw_effects(rng, light_k=WHITE_K)
     size = {"width_px": camera.width_px, "height_px": camera.height_px}
-    background, background_kind = draw_background(rng, textures, photos, **size)
+    background, background_record = draw_background(rng, textures, photos, **size)
     robot = () if absent else looks.instances(T_w_r1, worn)
     instances = (*ground, *thing_instances(things), *robot)
     scene = lit_scene(camera, T_W_C, instances, lighting, robot=not absent, background=background)
@@ -76,7 +76,7 @@ def draw_free(
         "mode": "free",
         "absent": absent,
         "T_w_r1": plain(T_w_r1),
-        "background": background_kind,
+        "background": dict(background_record),
     }
     record = own | drawn_record(lighting, _surfaces(ground), worn, things, effects)
     return Drawn(scene=scene, effects=effects, T_w_r1=None if absent else T_w_r1, record=record)

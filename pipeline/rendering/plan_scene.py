@@ -1,8 +1,9 @@
-"""A furnished floor plan as instances of three meshes of unit size: no plan needs meshes of its own."""
+"""A furnished floor plan as instances of four meshes of unit size: no plan needs meshes of its own."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 import trimesh
@@ -12,7 +13,7 @@ from pipeline.floorplan.walls import wall_boxes
 from pipeline.geometry.camera import se3_from_se2
 from pipeline.rendering.scene import Instance, Material, MeshPool
 
-BOX, CYLINDER, QUAD = "box", "cylinder", "quad"
+BOX, CYLINDER, QUAD, WALL = "box", "cylinder", "quad", "wall"
 CYLINDER_SECTIONS = 32
 MARGIN_M = 1.0
 
@@ -24,11 +25,11 @@ The part is, for a wall, the number of its face; for furniture, the index of the
 
 
 def plan_meshes() -> MeshPool:
-    """Box, cylinder and upward quad with sides of 1 m around the origin.
+    """Box, cylinder, upward quad and wall with sides of 1 m around the origin.
 
     Without UVs: the renderer papers them along their axes, at a scale that stretching does not change.
     """
-    return {BOX: (_unit_box(),), CYLINDER: (_unit_cylinder(),), QUAD: (_unit_quad(),)}
+    return {BOX: (_unit_box(),), CYLINDER: (_unit_cylinder(),), QUAD: (_unit_quad(),), WALL: (_unit_wall(),)}
 
 
 def plan_instances(
@@ -43,7 +44,7 @@ def plan_instances(
         _level("floor", floorplan, 0.0, material_of("floor", 0), facing=1.0),
         _level("ceiling", floorplan, wall_height_m, material_of("ceiling", 0), facing=-1.0),
         *(
-            solid_instance(wall, name=f"wall/{i:04d}", material=material_of("wall", i))
+            replace(solid_instance(wall, name=f"wall/{i:04d}", material=material_of("wall", i)), mesh=WALL)
             for i, wall in enumerate(walls)
         ),
         *(
@@ -86,6 +87,19 @@ def _unit_box() -> trimesh.Trimesh:
     box = trimesh.creation.box([1.0, 1.0, 1.0])
     box.unmerge_vertices()  # sharp edges: each face with normals of its own
     return box
+
+
+def _unit_wall() -> trimesh.Trimesh:
+    """A box whose sides and back shrink away from its front, +y, where the free space is.
+
+    The ends of a wall's box lie in the faces of its neighbours, its back may lie in the face beyond: where
+    two surfaces share a plane, both would show in stripes.
+    """
+    x, y = np.array([-0.5, 0.5, 0.45, -0.45]), np.array([0.5, 0.5, -0.4, -0.4])
+    corners = np.concatenate([np.column_stack([x, y, np.full(4, z)]) for z in (-0.5, 0.5)])
+    wall = trimesh.Trimesh(vertices=corners, process=False).convex_hull
+    wall.unmerge_vertices()
+    return wall
 
 
 def _unit_cylinder() -> trimesh.Trimesh:

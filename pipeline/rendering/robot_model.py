@@ -27,6 +27,7 @@ CREASE_RAD = np.radians(35.0)
 """Faces that meet at a sharper angle keep their edge."""
 
 INSIDE_TOLERANCE_M = 1e-4
+LEAST_FILLED = 0.5
 
 UPRIGHT: Array = np.eye(4)
 
@@ -95,8 +96,12 @@ def robot_glb(parts: Mapping[str, tuple[trimesh.Trimesh, Material]]) -> bytes:
     return bytes(trimesh.exchange.gltf.export_glb(scene, include_normals=True))
 
 
-def robot_parts(glb: bytes) -> dict[str, trimesh.Trimesh]:
+def robot_parts(glb: bytes, *, source: str) -> dict[str, trimesh.Trimesh]:
     """The parts of a robot by name, sorted, in r [m], each with its own PBR material.
+
+    Args:
+        glb: a binary glTF file's content.
+        source: what to call it in an error.
 
     Raises:
         ConfigError: the bytes are no GLB or hold no mesh.
@@ -104,7 +109,7 @@ def robot_parts(glb: bytes) -> dict[str, trimesh.Trimesh]:
     try:
         scene = trimesh.load_scene(io.BytesIO(glb), file_type="glb")
     except Exception as error:  # whatever a damaged file makes the reader stumble over
-        raise ConfigError(f"robot model of {len(glb)} bytes cannot be read as GLB ({error})") from error
+        raise ConfigError(f"{source}: {len(glb)} bytes that cannot be read as GLB ({error})") from error
     parts: dict[str, trimesh.Trimesh] = {}
     for node in scene.graph.nodes_geometry:
         T_r_part, geometry = scene.graph[node]
@@ -113,7 +118,7 @@ def robot_parts(glb: bytes) -> dict[str, trimesh.Trimesh]:
             continue
         parts[node] = mesh if np.array_equal(T_r_part, np.eye(4)) else mesh.copy().apply_transform(T_r_part)
     if not parts:
-        raise ConfigError("robot model: no mesh in the GLB; a robot must have at least one")
+        raise ConfigError(f"{source}: no mesh in the GLB; a robot must have at least one")
     return dict(sorted(parts.items()))
 
 
@@ -133,10 +138,11 @@ def part_material(part: trimesh.Trimesh) -> Material:
 
 
 def check_inside_cuboid(parts: Mapping[str, trimesh.Trimesh], cuboid: Cuboid, *, robot: str) -> None:
-    """See that labels drawn from the cuboid hold all of the robot.
+    """See that labels drawn from the cuboid hold all of the robot, and that it is not lost in there.
 
     Raises:
-        ConfigError: a part reaches out of the cuboid; says which, where and by how much.
+        ConfigError: a part reaches out of the cuboid (says which, where and by how much), or all of them
+            together fill less than half of one of its sides.
     """
     centre_m, half_m = np.array(cuboid.centre_m), 0.5 * np.array(cuboid.size_m)
     for name, part in parts.items():
@@ -147,6 +153,14 @@ def check_inside_cuboid(parts: Mapping[str, trimesh.Trimesh], cuboid: Cuboid, *,
                 f"robot {robot}: part {name!r} reaches {1e3 * beyond_m.max():.1f} mm out of the cuboid along "
                 f"{axis}; is the model in metres and in the frame between the wheels?"
             )
+    bounds_m = np.array([part.bounds for part in parts.values()])
+    filled = (bounds_m[:, 1].max(axis=0) - bounds_m[:, 0].min(axis=0)) / np.array(cuboid.size_m)
+    if filled.min() < LEAST_FILLED:
+        axis = "xyz"[int(filled.argmin())]
+        raise ConfigError(
+            f"robot {robot}: the model fills {filled.min():.1%} of the cuboid along {axis}, must be at least "
+            f"{LEAST_FILLED:.0%}; is it in metres?"
+        )
 
 
 def creased_mesh(vertices: Array, faces: NDArray[np.int64]) -> trimesh.Trimesh:

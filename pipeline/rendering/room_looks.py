@@ -23,7 +23,7 @@ class RoomLooks:
 
     Attributes:
         floor, ceiling, wall, accent: their materials.
-        accent_faces: faces of walls that are of the accent's.
+        accent_faces: indices of walls that are of the accent's.
         pieces: by index of the piece of furniture: its body's, and that of legs, leaves or headboard.
     """
 

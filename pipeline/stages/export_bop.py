@@ -147,7 +147,7 @@ def _model(image: LabelledImage, robot: str | None) -> _Model:
             f"{spec.cuboid.centre_m} m; the dataset's is of {size_m} m around "
             f"{tuple(image.T_r1_o[:3, 3].tolist())} m, so --robot must name another robot file"
         )
-    parts = robot_parts(load_robot_model(robot or image.robot))
+    parts = robot_parts(load_robot_model(robot or image.robot), source=f"model of {robot or image.robot}")
     check_inside_cuboid(parts, spec.cuboid, robot=spec.name)
     return _Model(robot=image.robot, T_r1_o=image.T_r1_o, cuboid_size_m=size_m, parts=parts)
 

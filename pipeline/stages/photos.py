@@ -43,16 +43,26 @@ class PhotoFolder(Sequence[Image]):
         if isinstance(index, slice):
             return PhotoFolder(self.paths[index])
         path = self.paths[index]
-        bgr = cv2.imdecode(np.frombuffer(path.read_bytes(), np.uint8), cv2.IMREAD_COLOR)
+        content = np.frombuffer(_content(path), np.uint8)
+        try:
+            bgr = cv2.imdecode(content, cv2.IMREAD_COLOR) if len(content) else None
+        except cv2.error:  # more pixels than OpenCV decodes
+            bgr = None
         if bgr is None:
             raise ConfigError(f"{path}: no picture that can be read; render.backgrounds takes photos")
         return np.asarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB))
 
     def digest(self) -> str:
-        """Hash of all names and contents."""
+        """Hash of all names and contents.
+
+        Raises:
+            ConfigError: a file cannot be read, or is of no kind that OpenCV decodes.
+        """
         h = hashlib.sha256()
         for path in self.paths:
-            content = path.read_bytes()
+            content = _content(path)
+            if not cv2.haveImageReader(str(path)):
+                raise ConfigError(f"{path}: no picture that can be read; render.backgrounds takes photos")
             h.update(f"{path.name} {len(content)} ".encode() + content)
         return h.hexdigest()
 
@@ -68,7 +78,15 @@ def photo_folder(folder: str | None) -> PhotoFolder:
     root = Path(folder)
     if not root.is_dir():
         raise ConfigError(f"render.backgrounds is {folder!r}; must be a folder of photos, or null")
-    paths = sorted(p for p in root.rglob("*") if p.suffix.lower() in SUFFIXES)
+    paths = sorted(p for p in root.rglob("*") if p.suffix.lower() in SUFFIXES and not p.is_dir())
     if not paths:
         raise ConfigError(f"render.backgrounds: no photo in {folder} ({', '.join(SUFFIXES)})")
     return PhotoFolder(tuple(paths))
+
+
+def _content(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        reason = (error.strerror or str(error)).lower()
+        raise ConfigError(f"{path}: cannot be read ({reason}); render.backgrounds takes photos") from error

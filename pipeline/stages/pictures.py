@@ -21,7 +21,6 @@ from pipeline.floorplan.records import Floorplan
 from pipeline.geometry.camera import se3_from_se2
 from pipeline.geometry.se2 import SE2
 from pipeline.plan_schema import PLAN_COLUMNS, plan_of, solids_of
-from pipeline.rendering.draws import PoseDraws
 from pipeline.rendering.free_scenes import draw_free
 from pipeline.rendering.gl import renderer_name
 from pipeline.rendering.randomise import Drawn, draw_plausible, room_scene
@@ -73,7 +72,7 @@ class Setting:
 
 @lru_cache(maxsize=1)
 def _studio(seed: int, robot: str, variants: int) -> Studio:
-    parts = robot_parts(load_robot_model(robot))
+    parts = robot_parts(load_robot_model(robot), source=f"model of {robot}")
     return Studio(stream(seed, "render", "textures"), load_robot(robot), parts, variants=variants)
 
 
@@ -88,7 +87,7 @@ def views(
         first, *others = group
         rooms = _rooms(setting, plans[plan_id], first["furniture"], episode_id)
         for sighting in (first, *others):
-            view = _image_row(setting, _drawn_view(setting, rooms, sighting))
+            view = _image_row(setting, _drawn_view(setting, rooms, sighting), {})
             rows.append({"pair_id": sighting["pair_id"], "plan_id": plan_id} | view)
     counts = {"views": len(rows), "views_half_visible": sum(row["visibility"] >= 0.5 for row in rows)}
     return Shard(table=VIEWS.table(rows), counts=counts)
@@ -169,8 +168,9 @@ def _pose_row(setting: Setting, place: FurnishedPlan, pose_id: str, number: int)
     """One training image."""
     studio, plan = setting.studio(), place.plan
     robot, camera = studio.robot, studio.camera
-    mode = _mode(setting.section.draws, number)
+    mode = _mode(setting, plan.plan_id, number)
     drawn = _drawn_pose(setting, place, mode, stream(setting.seed, "render", "pose", plan.plan_id, number))
+    furnishing = number // setting.section.poses_per_furnishing if mode == "plausible" else None
     return {
         "pose_id": pose_id,
         "plan_id": plan.plan_id,
@@ -185,7 +185,7 @@ def _pose_row(setting: Setting, place: FurnishedPlan, pose_id: str, number: int)
         "robot": robot.name,
         "cuboid_size_m": robot.cuboid.size_m,
         "T_r1_o": robot.cuboid.T_r_o(),
-        **_image_row(setting, drawn),
+        **_image_row(setting, drawn, {"furnishing": furnishing}),
     }
 
 
@@ -205,16 +205,18 @@ def _drawn_pose(setting: Setting, place: FurnishedPlan, mode: str, rng: np.rando
     )
 
 
-def _mode(draws: PoseDraws, number: int) -> str:
-    """Plausible as often as the share says, evenly spread over the numbers."""
-    share = draws.plausible_share
-    return "plausible" if math.floor((number + 1) * share) > math.floor(number * share) else "free"
+def _mode(setting: Setting, plan_id: str, number: int) -> str:
+    """Plausible as often as the share says, evenly spread; each plan begins where it draws (uniform)."""
+    share = setting.section.draws.plausible_share
+    begin = float(stream(setting.seed, "render", "modes", plan_id).random())
+    crosses = math.floor((number + 1) * share + begin) > math.floor(number * share + begin)
+    return "plausible" if crosses else "free"
 
 
-def _image_row(setting: Setting, drawn: Drawn) -> dict[str, Any]:
-    """The columns of an image and its label."""
+def _image_row(setting: Setting, drawn: Drawn, more: Mapping[str, Any]) -> dict[str, Any]:
+    """The columns of an image and its label; more: what else was drawn."""
     picture = setting.studio().take(drawn)
-    record = {**drawn.record, "renderer": renderer_name()}
+    record = {**drawn.record, **more, "renderer": renderer_name()}
     return {
         "image": _encoded(picture.rgb, setting.section.jpeg_quality),
         "drawn": json.dumps(record, separators=(",", ":")),

@@ -20,7 +20,7 @@ from pipeline.store.parquet import Layout
 from pipeline.store.read import StageReader, chunks
 from pipeline.store.records import Inputs, Manifest
 
-VERSION = 1
+VERSION = 2
 LAYOUT = Layout(item_column="plan_id", uncompressed=("image",), row_group_rows=256)
 
 
@@ -34,7 +34,7 @@ def render(run: Run) -> Manifest:
     section, robot = run.config.render, run.config.explore.robot
     meshes, explore = run.read("meshes"), run.read("explore")
     spec, model = load_robot(robot), load_robot_model(robot)
-    check_inside_cuboid(robot_parts(model), spec.cuboid, robot=spec.name)
+    check_inside_cuboid(robot_parts(model, source=f"model of {robot}"), spec.cuboid, robot=spec.name)
     _check_same_robot(explore, spec)
     photos = photo_folder(section.backgrounds)
     setting = Setting(seed=run.config.seed, robot=robot, section=section, photos=photos)

@@ -73,7 +73,7 @@ class StageReader:
         except (OSError, pa.ArrowInvalid) as error:
             raise StoreError(
                 f"{disk.shown(shard)}: cannot be read ({' '.join(str(error).split())}); "
-                f"`rendezvous {self.stage or 'STAGE'}` makes it again"
+                f"{f'`rendezvous {self.stage}`' if self.stage else 'its stage'} makes it again"
             ) from error
 
     def rows(

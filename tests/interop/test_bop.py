@@ -54,7 +54,7 @@ def images() -> dict[int, PoseLabel]:
 
 @pytest.fixture(scope="module")
 def burger() -> dict[str, trimesh.Trimesh]:
-    return robot_parts((ROBOTS / "burger" / "robot.glb").read_bytes())
+    return robot_parts((ROBOTS / "burger" / "robot.glb").read_bytes(), source="burger")
 
 
 def _read(document: dict) -> dict:

@@ -56,6 +56,9 @@ def test_photos_are_used_when_there_are_any():
         draw_background(np.random.default_rng(s), POOL, photos, width_px=160, height_px=120)
         for s in range(20)
     ]
-    assert {kind for _, kind in drawn} == {"photo-0", "photo-1"}
-    assert all((image == (50 if kind == "photo-0" else 90)).all() for image, kind in drawn)
-    assert draw_background(np.random.default_rng(0), POOL, (), width_px=16, height_px=16)[1] == "room"
+    assert {record["photo"] for _, record in drawn} == {0, 1}
+    assert all((image == (50, 90)[record["photo"]]).all() for image, record in drawn)
+    image, record = draw_background(np.random.default_rng(0), POOL, (), width_px=16, height_px=16)
+    assert record["photo"] is None
+    again = room_background(np.random.default_rng(record["seed"]), POOL, width_px=16, height_px=16)
+    assert np.array_equal(image, again)

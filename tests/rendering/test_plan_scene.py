@@ -7,12 +7,14 @@ import trimesh
 from pipeline.floorplan.furnish import furnish
 from pipeline.floorplan.records import Shape, Solid
 from pipeline.floorplan.walls import wall_boxes
+from pipeline.geometry.camera import camera_pose, se3_from_se2
+from pipeline.geometry.se2 import SE2
 from pipeline.rendering.plan_scene import plan_instances, plan_meshes, solid_instance
 from pipeline.rendering.renderer import Renderer
 from pipeline.rendering.scene import Material, Scene
 from pipeline.seeds import stream
 from tests.floorplan.plans import TWO_ROOMS, generated, plan_of
-from tests.rendering.scenes import GREY, WHITE, facing_x, looking_down, scene_of, sun
+from tests.rendering.scenes import CAMERA, GREY, WHITE, facing_x, looking_down, scene_of, sun
 
 HEIGHT_M = 2.5
 
@@ -68,6 +70,32 @@ def test_from_inside_a_room_nothing_but_floor_walls_and_ceiling_is_seen(renderer
         scene = room(T_w_c=T_w_c)
         ids = renderer.render(scene).instance_ids
         assert (ids >= 0).all()
+
+
+def test_a_wall_shows_by_its_own_face_only(renderer: Renderer):
+    """Where walls share a plane, pixels of one must not show another."""
+    plan = generated(3)
+    instances = plan_instances(plan, (), wall_height_m=HEIGHT_M, material_of=material_of)
+    start_m = np.array(plan.free_space().representative_point().coords[0])
+    seen = 0
+    for yaw_rad in np.linspace(0.0, 2.0 * np.pi, 7):
+        T_w_c = se3_from_se2(SE2(*start_m, yaw_rad)) @ camera_pose(np.array([0.0, 0.0, 0.3]), np.zeros(3))
+        scene = scene_of(*instances, T_w_c=T_w_c)
+        rendering = renderer.render(scene)
+        v, u = np.indices(rendering.depth_m.shape)
+        rays = np.stack([u, v, np.ones_like(u)], axis=-1) @ np.linalg.inv(CAMERA.K()).T
+        p_w = rendering.depth_m[..., None] * rays @ T_w_c[:3, :3].T + T_w_c[:3, 3]
+        for i in np.unique(rendering.instance_ids):
+            if i >= 0 and instances[i].name.startswith("wall"):
+                p_box = np.linalg.inv(instances[i].T_w) @ _homogeneous(p_w[rendering.instance_ids == i]).T
+                depth_m = np.linalg.norm(instances[i].T_w[:3, 1]) * (0.5 - p_box[1])
+                assert np.quantile(np.abs(depth_m), 0.99) < 0.01
+                seen += p_box.shape[1]
+    assert seen > 20_000
+
+
+def _homogeneous(points: np.ndarray) -> np.ndarray:
+    return np.concatenate([points, np.ones((len(points), 1))], axis=1)
 
 
 def test_the_ceiling_shows_from_below_only_and_lets_light_in(renderer: Renderer):

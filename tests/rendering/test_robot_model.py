@@ -28,7 +28,7 @@ RED = Material(base_colour_rgb=(0.8, 0.1, 0.1), roughness=0.9)
 
 @pytest.fixture(scope="module")
 def burger() -> dict[str, trimesh.Trimesh]:
-    return robot_parts((BURGER / "robot.glb").read_bytes())
+    return robot_parts((BURGER / "robot.glb").read_bytes(), source="burger")
 
 
 @pytest.fixture(scope="module")
@@ -108,7 +108,7 @@ def test_the_model_follows_the_robot_file(burger, burger_glb, tmp_path):
     (tmp_path / "robot.yaml").write_text(
         text.replace("xyz_m: [0.034, 0.0, 0.120]", "xyz_m: [0.034, 0.01, 0.122]")
     )
-    moved = robot_parts(burger_glb(load_robot(str(tmp_path / "robot.yaml"))))
+    moved = robot_parts(burger_glb(load_robot(str(tmp_path / "robot.yaml"))), source="moved")
     shift_m = moved["camera_face"].bounds - burger["camera_face"].bounds
     assert shift_m == pytest.approx(np.array([[0.0, 0.01, 0.002]] * 2), abs=1e-5)
     assert moved["tyres"].bounds == pytest.approx(burger["tyres"].bounds)
@@ -188,7 +188,7 @@ def _cart() -> dict[str, tuple[trimesh.Trimesh, Material]]:
 def test_another_robot_takes_a_file_and_a_model(tmp_path: Path):
     (tmp_path / "robot.yaml").write_text(CART_YAML)
     (tmp_path / "robot.glb").write_bytes(robot_glb(_cart()))
-    parts = robot_parts((tmp_path / "robot.glb").read_bytes())
+    parts = robot_parts((tmp_path / "robot.glb").read_bytes(), source="own")
     assert list(parts) == ["body", "mast"]
     assert parts["body"].bounds == pytest.approx(
         np.array([[-0.15, -0.12, 0.02], [0.15, 0.12, 0.12]]), abs=1e-6
@@ -209,7 +209,7 @@ def test_a_model_that_others_wrote_is_placed_by_its_nodes():
     scene.add_geometry(
         trimesh.creation.box([0.1, 0.1, 0.1]), node_name="body", transform=_shift(0.0, 0.0, 0.05)
     )
-    parts = robot_parts(scene.export(file_type="glb"))
+    parts = robot_parts(scene.export(file_type="glb"), source="own")
     assert parts["body"].bounds == pytest.approx(np.array([[-0.05, -0.05, 0.0], [0.05, 0.05, 0.1]]), abs=1e-6)
     assert part_material(parts["body"]).metallic == 0.0
 
@@ -239,11 +239,17 @@ def test_a_model_in_millimetres_is_refused():
 
 @pytest.mark.parametrize("damaged", [b"", b"solid cube", (b"glTF" + bytes(40))])
 def test_a_damaged_model_is_named(damaged):
-    with pytest.raises(ConfigError, match=rf"robot model of {len(damaged)} bytes cannot be read as GLB"):
-        robot_parts(damaged)
+    with pytest.raises(ConfigError, match=rf"own.glb: {len(damaged)} bytes that cannot be read as GLB"):
+        robot_parts(damaged, source="own.glb")
 
 
 def test_a_model_without_meshes_is_named():
     lines = trimesh.Scene([trimesh.load_path(np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]))])
     with pytest.raises(ConfigError, match="no mesh in the GLB"):
-        robot_parts(lines.export(file_type="glb"))
+        robot_parts(lines.export(file_type="glb"), source="own.glb")
+
+
+def test_a_model_in_kilometres_is_refused(burger):
+    small = {name: part.copy().apply_scale(0.001) for name, part in burger.items()}
+    with pytest.raises(ConfigError, match=r"fills 0\.1% of the cuboid along .*is it in metres"):
+        check_inside_cuboid(small, load_robot("burger").cuboid, robot="burger")
