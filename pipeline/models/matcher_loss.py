@@ -28,6 +28,8 @@ class LossSampling:
     """Where the loss looks.
 
     Attributes:
+        turned_share: of the pairs, map 1 is turned by one, two or three quarters more, and θ with it: else
+            scores would be sharp only at the headings that the samples are drawn from.
         xy_m: half width of the coarse volume; no true translation may be longer along an axis.
         near_steps: coarse headings on either side of the truth.
         far_headings: headings in the rest of the circle, one in each equal part of it.
@@ -38,6 +40,7 @@ class LossSampling:
         off_centre_m, off_centre_rad: how far the truth may lie from the centre of its own close look.
     """
 
+    turned_share: float = 0.5
     xy_m: float = 4.4
     near_steps: int = 2
     far_headings: int = 8
@@ -77,6 +80,7 @@ def matcher_loss(
         )
     # Drawn from the batch itself, so that a run that is resumed goes on as it would have.
     draw = torch.Generator().manual_seed(int(theta_B3.detach().cpu().view(torch.int32).sum()))
+    cells_BMNN, theta_B3 = _quarter_turned(cells_BMNN, theta_B3, sampling.turned_share, draw)
     features = model.features(cells_BMNN)
     with torch.autocast(theta_B3.device.type, enabled=False):
         coarse, log_width_H = _coarse_volume(model, features, theta_B3, sampling, draw)
@@ -87,6 +91,20 @@ def matcher_loss(
     loss = coarse_loss + fine_loss
     parts = {"coarse": coarse_loss, "fine": fine_loss, "true_mass": mass}
     return loss, {name: float(part.detach()) for name, part in parts.items()}
+
+
+def _quarter_turned(
+    cells_BMNN: Tensor, theta_B3: Tensor, share: float, draw: torch.Generator
+) -> tuple[Tensor, Tensor]:
+    """Map 1 of some pairs turned about the window's centre, which loses no cell, and what θ then is."""
+    B = len(theta_B3)
+    quarters_B = torch.randint(1, 4, (B,), generator=draw) * (torch.rand(B, generator=draw) < share)
+    # Rows grow with y, so this way round is the positive one.
+    turned = [torch.rot90(cells[1], -int(k)) for cells, k in zip(cells_BMNN, quarters_B, strict=True)]
+    angle_B = (quarters_B * (math.pi / 2.0)).to(theta_B3)
+    c, s, (x, y, yaw) = angle_B.cos(), angle_B.sin(), theta_B3.unbind(1)
+    theta = torch.stack([c * x - s * y, s * x + c * y, yaw + angle_B], 1)
+    return torch.stack([cells_BMNN[:, 0], torch.stack(turned)], 1), theta
 
 
 def _coarse_volume(

@@ -247,13 +247,17 @@ def batch_of(count: int, *, seed: int = 0) -> dict[str, Tensor]:
     return {"cells": torch.from_numpy(np.stack(cells)), "theta": torch.from_numpy(thetas).float()}
 
 
-def test_the_loss_is_lower_for_the_true_theta_than_for_another():
+@pytest.mark.parametrize("turned_share", [0.0, 1.0])
+def test_the_loss_is_lower_for_the_true_theta_than_for_another(turned_share):
     matcher, batch = wall_matcher(), batch_of(3)
+    looks = LossSampling(turned_share=turned_share)
     with torch.no_grad():
-        true, parts = matcher.loss(batch)
-        other, _ = matcher.loss({**batch, "theta": batch["theta"] + torch.tensor([0.5, 0.0, 0.0])})
-        turned_away, _ = matcher.loss({**batch, "theta": batch["theta"] + torch.tensor([0.0, 0.0, 0.2])})
-    assert true < min(other, turned_away) - 2.0
+        true, parts = matcher_loss(matcher, batch["cells"], batch["theta"], looks)
+        others = [
+            matcher_loss(matcher, batch["cells"], batch["theta"] + torch.tensor(offset), looks)[0]
+            for offset in ([0.5, 0.0, 0.0], [0.0, 0.0, 0.2])
+        ]
+    assert true < min(others) - 2.0
     assert parts["true_mass"] > 0.99
     assert float(true) == pytest.approx(parts["coarse"] + parts["fine"], rel=1e-5)
 
@@ -273,7 +277,7 @@ def test_an_indifferent_matcher_s_loss_is_the_logarithm_of_the_volume():
         matcher.fine_log_scale.fill_(-30.0)
         _, parts = matcher.loss(batch)
     # 120 headings of 3° go round, 3 of them a second time as corners; 45 x 45 translations of 0.2 m.
-    assert parts["coarse"] == pytest.approx(math.log(123 * 45**2), abs=1e-4)
+    assert parts["coarse"] == pytest.approx(math.log(123 * 45**2), abs=0.01)
     assert parts["true_mass"] == pytest.approx(0.5, abs=1e-6)
 
 
