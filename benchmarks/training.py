@@ -6,6 +6,7 @@ import argparse
 import os
 import time
 from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from itertools import islice, repeat
 from typing import Any
 
@@ -23,7 +24,7 @@ from pipeline.training.parameters import Budget, Optimisation, Sampling
 from pipeline.training.processes import Processes
 from pipeline.training.registry import DEFAULT_MODEL, build_model
 
-STEPS, WARM_UP_STEPS, PAIRS = 12, 2, 64
+STEPS, WARM_UP_STEPS, PAIRS = 16, 2, 64
 
 
 def measure(options: argparse.Namespace) -> dict[str, Any]:
@@ -33,17 +34,16 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
     settings = Optimisation()
     loader = _loader(_pairs(), settings)
     loading = _samples_per_s(loader, settings)
-    batch = next(iter(loader))
-    bare = _trained_per_s(repeat(batch), settings)
-    both = _trained_per_s(loader, settings)
+    bare = _trained(repeat(next(iter(loader))), settings)
+    both = _trained(loader, settings)
     return {
         "model": DEFAULT_MODEL,
         "threads": cores,
         "batch_size": settings.batch_size,
         "loader_samples_per_s": round(loading, 1),
-        "model_samples_per_s": round(bare, 2),
-        "training_samples_per_s": round(both, 2),
-        "model_busy_share": round(both / bare, 3),
+        "model_samples_per_s": round(bare.samples_per_s, 2),
+        "training_samples_per_s": round(both.samples_per_s, 2),
+        "waiting_for_samples_share": round(both.waiting_share, 4),
     }
 
 
@@ -63,28 +63,48 @@ def _samples_per_s(loader: Iterable[Batch], settings: Optimisation) -> float:
     return 4 * STEPS * settings.batch_size / (time.perf_counter() - started_s)
 
 
-def _trained_per_s(batches: Iterable[Batch], settings: Optimisation) -> float:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Pace:
+    """How fast the loop goes, and for which share of its time it waits for the next batch."""
+
+    samples_per_s: float
+    waiting_share: float
+
+
+def _trained(batches: Iterable[Batch], settings: Optimisation) -> _Pace:
     """Of the loop over some steps, the first ones left out."""
     state = TrainingState.fresh(build_model(DEFAULT_MODEL, {}, Sampling(), seed=0), settings)
-    times = _Times()
-    samples = (STEPS + WARM_UP_STEPS) * settings.batch_size
+    watch = _Watch(batches)
     fit(
         state,
-        batches,
+        watch,
         settings,
-        Budget(samples=samples, duration_s=None),
+        Budget(samples=(STEPS + WARM_UP_STEPS) * settings.batch_size, duration_s=None),
         seed=0,
         processes=Processes(),
-        observer=times,
+        observer=watch,
         clock=time.monotonic,
     )
-    after_s = times.after_s[WARM_UP_STEPS - 1 :]
-    return (len(after_s) - 1) * settings.batch_size / (after_s[-1] - after_s[0])
+    took_s = watch.after_s[-1] - watch.after_s[WARM_UP_STEPS - 1]
+    waited_s = sum(watch.waits_s[WARM_UP_STEPS : WARM_UP_STEPS + STEPS])
+    return _Pace(samples_per_s=STEPS * settings.batch_size / took_s, waiting_share=waited_s / took_s)
 
 
-class _Times:
-    def __init__(self) -> None:
+class _Watch:
+    """Times steps, and the waits for their batches."""
+
+    def __init__(self, batches: Iterable[Batch]) -> None:
+        self._batches = batches
+        self.waits_s: list[float] = []
         self.after_s: list[float] = []
+
+    def __iter__(self) -> Iterator[Batch]:
+        batches = iter(self._batches)
+        while True:
+            started_s = time.perf_counter()
+            batch = next(batches)
+            self.waits_s.append(time.perf_counter() - started_s)
+            yield batch
 
     def after(self, state: TrainingState, step: Step) -> None:
         self.after_s.append(time.perf_counter())

@@ -144,7 +144,11 @@ def train(
         raise SetupError(
             f"{error.name} is missing; `pip install 'rendezvous-fusion[learn]'` installs what training needs"
         ) from error
-    trained(run, out=out, resume=resume)
+    try:
+        trained(run, out=out, resume=resume)
+    except KeyboardInterrupt as interrupt:
+        print("rendezvous: interrupted; --resume goes on from the last checkpoint", file=sys.stderr)
+        raise typer.Exit(130) from interrupt
 
 
 @app.command()

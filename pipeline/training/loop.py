@@ -107,12 +107,13 @@ def fit(
         ConfigError: the loss is not finite.
     """
     model = processes.synchronised(_Loss(state.model)).train()
+    highest = settings.learning_rate or state.model.suitable_learning_rate
     began_s = clock() - state.elapsed_s
     for batch in batches:
         spent = processes.agreed(budget.spent(state.samples, clock() - began_s))
         if spent >= 1.0:
             break
-        rate = learning_rate(spent, settings)
+        rate = learning_rate(spent, settings, highest=highest)
         set_learning_rate(state.optimizer, rate)
         torch.manual_seed(int(stream(seed, "step", state.step, processes.rank).integers(2**62)))
         with _autocast(settings, processes.device):

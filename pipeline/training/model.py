@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from typing import ClassVar
 
 from torch import Tensor, nn
 
@@ -10,7 +11,13 @@ from pipeline.training.data import Batch
 
 
 class FrameErrorModel(nn.Module, ABC):
-    """A network that finds the frame error in a window, with what it is trained on."""
+    """A network that finds the frame error in a window, with what it is trained on.
+
+    Attributes:
+        suitable_learning_rate: the highest with which it learns well in batches of about ten.
+    """
+
+    suitable_learning_rate: ClassVar[float]
 
     @abstractmethod
     def loss(self, batch: Batch) -> tuple[Tensor, dict[str, float]]:

@@ -15,20 +15,21 @@ Module = TypeVar("Module", bound=nn.Module)
 
 
 def adamw(model: nn.Module, settings: Optimisation) -> torch.optim.AdamW:
-    """AdamW that lets decay only weights of two axes or more: no biases, gains of norms, or scales."""
+    """AdamW that lets decay only weights of two axes or more: no biases, gains of norms, or scales.
+
+    Its rate is set at each step.
+    """
     parameters = [p for p in model.parameters() if p.requires_grad]
     groups = [
         {"params": [p for p in parameters if p.ndim >= 2], "weight_decay": settings.weight_decay},
         {"params": [p for p in parameters if p.ndim < 2], "weight_decay": 0.0},
     ]
-    return torch.optim.AdamW(
-        [group for group in groups if group["params"]], lr=settings.learning_rate, betas=(0.9, 0.98)
-    )
+    return torch.optim.AdamW([group for group in groups if group["params"]], betas=(0.9, 0.98))
 
 
-def learning_rate(spent: float, settings: Optimisation) -> float:
+def learning_rate(spent: float, settings: Optimisation, *, highest: float) -> float:
     """The rate once a share of the budget is spent: up a straight line, down half a cosine."""
-    warmup, highest = settings.warmup_share, settings.learning_rate
+    warmup = settings.warmup_share
     if spent < warmup:
         # Time may not have moved yet at the first step, which shall move the weights nevertheless.
         return highest * max(spent / warmup, 1e-3)

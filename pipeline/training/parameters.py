@@ -36,7 +36,7 @@ class Optimisation:
 
     Attributes:
         batch_size: samples of each process in a step.
-        learning_rate: the highest.
+        learning_rate: the highest; None for what suits the model.
         final_share: of it, that is left at the end.
         warmup_share: of the budget, over which it rises from 0.
         weight_decay: of weights; biases and gains of norms have none.
@@ -45,8 +45,8 @@ class Optimisation:
         precision: of the forward pass: bfloat16 where that is safe, or float32.
     """
 
-    batch_size: int = 16
-    learning_rate: float = 2e-3
+    batch_size: int = 8
+    learning_rate: float | None = None
     final_share: float = 0.01
     warmup_share: float = 0.03
     weight_decay: float = 0.02
@@ -58,13 +58,14 @@ class Optimisation:
         require_within(
             self,
             batch_size=(1, 65536),
-            learning_rate=(1e-8, 1.0),
             final_share=(0.0, 1.0),
             warmup_share=(0.0, 0.5),
             weight_decay=(0.0, 1.0),
             clip_norm=(1e-6, 1e6),
             ema_decay=(0.0, 0.999999),
         )
+        if self.learning_rate is not None:
+            require_within(self, learning_rate=(1e-8, 1.0))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

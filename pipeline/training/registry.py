@@ -69,6 +69,8 @@ def build_model(name: str, settings: Mapping[str, Any], sampling: Sampling, *, s
 class PaperModel(FrameErrorModel):
     """A row of the paper's Table I."""
 
+    suitable_learning_rate = 5e-4
+
     def __init__(self, network: FrameErrorNet, row: AblationRow) -> None:
         super().__init__()
         self.network, self.row = network, row
@@ -95,6 +97,8 @@ class PaperModel(FrameErrorModel):
 
 class MatcherModel(FrameErrorModel):
     """The learned matcher; loss and search reach as far as the samples are off."""
+
+    suitable_learning_rate = 3e-3
 
     def __init__(self, network: Matcher, sampling: Sampling) -> None:
         super().__init__()

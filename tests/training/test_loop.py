@@ -88,13 +88,22 @@ def test_a_loss_that_is_not_finite_is_told_and_leaves_the_weights_alone(pairs: P
 
 
 def test_the_rate_rises_along_a_line_and_falls_along_a_cosine():
-    settings = Optimisation(learning_rate=1.0, warmup_share=0.1, final_share=0.1)
-    assert learning_rate(0.05, settings) == pytest.approx(0.5)
-    assert learning_rate(0.1, settings) == pytest.approx(1.0)
-    assert learning_rate(0.55, settings) == pytest.approx(0.55)
-    assert learning_rate(1.0, settings) == pytest.approx(0.1)
-    assert learning_rate(0.0, settings) > 0.0
-    assert learning_rate(0.0, Optimisation(learning_rate=1.0, warmup_share=0.0)) == 1.0
+    settings = Optimisation(warmup_share=0.1, final_share=0.1)
+    rates = [learning_rate(spent, settings, highest=2.0) for spent in (0.05, 0.1, 0.55, 1.0)]
+    assert rates == pytest.approx([1.0, 2.0, 1.1, 0.2])
+    assert learning_rate(0.0, settings, highest=2.0) > 0.0
+    assert learning_rate(0.0, Optimisation(warmup_share=0.0), highest=2.0) == 2.0
+
+
+def test_the_rate_is_the_models_own_unless_one_is_set(pairs: PairTable):
+    moved = []
+    for rate in (None, 1e-2, 1e-3):
+        state = TrainingState.fresh(tiny_model(), SETTINGS)
+        settings = Optimisation(batch_size=4, learning_rate=rate)
+        trained(pairs, state, settings=settings, budget=Budget(samples=8, duration_s=None))
+        moved.append(state.model.layers[0].weight.detach().clone())
+    assert torch.equal(moved[0], moved[1])
+    assert not torch.equal(moved[0], moved[2])
 
 
 def test_biases_and_gains_do_not_decay():

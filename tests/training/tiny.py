@@ -17,6 +17,8 @@ SAMPLING = Sampling(window_cells=48, window_cell_m=0.4)
 class TinyModel(FrameErrorModel):
     """Squared error; its loss draws from PyTorch's generator, as a dropout would."""
 
+    suitable_learning_rate = 1e-2
+
     def __init__(self) -> None:
         super().__init__()
         self.layers = nn.Sequential(nn.Linear(288, 16), nn.LayerNorm(16), nn.GELU(), nn.Linear(16, 3))
