@@ -13,9 +13,21 @@ from dataclasses import dataclass
 import numba as nb
 import numpy as np
 
-from pipeline.baselines.correlation import BLOCK, LANES, Correlation, Field, Points, Scores
-from pipeline.geometry.occupancy_grid import Mask
+from pipeline.baselines.correlation import (
+    BLOCK,
+    LANES,
+    Correlation,
+    Field,
+    Points,
+    Scores,
+    add_scores_in_place,
+)
 from pipeline.geometry.se2 import wrap_angle
+
+Box = tuple[int, int, int, int]
+"""Shifts from a first row to before a last one, and likewise columns."""
+
+NO_SHIFTS: Box = (0, 0, 0, 0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -41,15 +53,14 @@ class Apart:
     yaw_rad: float
     cells: int
 
-    def mask(self, correlation: Correlation, heading: int, rows: range, cols: range) -> Mask:
-        """(R, C) bool of the shifts at these rows and columns."""
+    def left_out(self, correlation: Correlation, heading: int) -> Box:
+        """The shifts of a heading that are too close."""
         headings_rad = correlation.headings_rad
         turn_rad = wrap_angle(float(headings_rad[heading] - headings_rad[self.centre.heading]))
         if abs(turn_rad) > self.yaw_rad:
-            return np.ones((len(rows), len(cols)), np.bool_)
-        far_rows = np.abs(np.array(rows) - self.centre.row) > self.cells
-        far_cols = np.abs(np.array(cols) - self.centre.col) > self.cells
-        return far_rows[:, None] | far_cols[None, :]
+            return NO_SHIFTS
+        row, col = self.centre.row, self.centre.col
+        return row - self.cells, row + self.cells + 1, col - self.cells, col + self.cells + 1
 
 
 def block_bounds(correlation: Correlation) -> Scores:
@@ -96,18 +107,40 @@ def _best_of_block(
     correlation: Correlation, heading: int, row: int, col: int, apart: Apart | None
 ) -> ScoredCell | None:
     """The first best cell of a block, of those that the range and `apart` leave."""
-    shifts = 2 * correlation.reach + 1
-    rows = range(row * BLOCK, min((row + 1) * BLOCK, shifts))
-    cols = range(col * BLOCK, min((col + 1) * BLOCK, shifts))
-    scores = correlation.scores(heading, rows[0], cols[0], len(rows), len(cols))
-    if apart is not None:
-        mask = apart.mask(correlation, heading, rows, cols)
-        if not mask.any():
-            return None
-        scores = np.where(mask, scores, np.iinfo(np.int32).min)
-    at_row, at_col = divmod(int(scores.argmax()), len(cols))
-    score = int(scores[at_row, at_col])
-    return ScoredCell(score=score, heading=heading, row=rows[at_row], col=cols[at_col])
+    left_out = NO_SHIFTS if apart is None else apart.left_out(correlation, heading)
+    score, at_row, at_col = _best_in_block(
+        (correlation.field_0, correlation.fields_1[heading]),
+        (correlation.walls_1[heading], correlation.walls_0),
+        row * BLOCK,
+        col * BLOCK,
+        2 * correlation.reach + 1,
+        left_out,
+    )
+    return None if at_row < 0 else ScoredCell(score=score, heading=heading, row=at_row, col=at_col)
+
+
+@nb.njit(cache=True)
+def _best_in_block(
+    fields: tuple[Field, Field],
+    walls: tuple[Points, Points],
+    first_row: int,
+    first_col: int,
+    shifts: int,
+    left_out: Box,
+) -> tuple[int, int, int]:
+    """Score, row and column; row -1 if the whole block is left out."""
+    scores = np.zeros((min(BLOCK, shifts - first_row), min(BLOCK, shifts - first_col)), np.int32)
+    best, best_row, best_col = 0, -1, -1
+    add_scores_in_place(scores, fields[0], walls[0], first_row, first_col)
+    add_scores_in_place(scores, fields[1], walls[1], first_row, first_col)
+    for a in range(scores.shape[0]):
+        for b in range(scores.shape[1]):
+            row, col = first_row + a, first_col + b
+            if left_out[0] <= row < left_out[1] and left_out[2] <= col < left_out[3]:
+                continue
+            if best_row < 0 or scores[a, b] > best:
+                best, best_row, best_col = int(scores[a, b]), row, col
+    return best, best_row, best_col
 
 
 @nb.njit(cache=True)

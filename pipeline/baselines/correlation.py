@@ -63,8 +63,8 @@ class Correlation:
     def scores(self, heading: int, row: int, col: int, rows: int, cols: int) -> Scores:
         """(rows, cols) int32: scores of a block of shifts at one heading."""
         out = np.zeros((rows, cols), np.int32)
-        _add_scores_in_place(out, self.field_0, self.walls_1[heading], row, col)
-        _add_scores_in_place(out, self.fields_1[heading], self.walls_0, row, col)
+        add_scores_in_place(out, self.field_0, self.walls_1[heading], row, col)
+        add_scores_in_place(out, self.fields_1[heading], self.walls_0, row, col)
         return out
 
     def theta(self, heading: float, row: float, col: float) -> SE2:
@@ -113,7 +113,7 @@ def correlation(
         field_0=mirrored,
         walls_1=walls_1,
         fields_1=fields_1,
-        walls_0=walls_0 - first.astype(np.int32),
+        walls_0=np.ascontiguousarray(walls_0 - first.astype(np.int32)),
     )
 
 
@@ -174,7 +174,8 @@ def _turned_walls(centres: Array, size: int, yaw_rad: float, reach: int) -> Poin
 
 
 @nb.njit(cache=True)
-def _add_scores_in_place(out: Scores, field: Field, points: Points, row: int, col: int) -> None:
+def add_scores_in_place(out: Scores, field: Field, points: Points, row: int, col: int) -> None:
+    """Add `Σ field[point + shift]` for the shifts (rows, cols) from this row and column on."""
     rows, cols = out.shape
     for i in range(len(points)):
         first_row, first_col = points[i, 0] + row, points[i, 1] + col

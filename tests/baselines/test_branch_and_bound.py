@@ -117,12 +117,12 @@ def test_the_best_cell_apart_is_the_best_of_the_others():
 
 def test_the_ends_of_a_limited_range_of_headings_are_apart_and_those_of_a_circle_are_not():
     window = noise(6)
-    for yaw_rad, expected in ((0.6, True), (math.pi, False)):
+    for yaw_rad, expected in ((0.6, (0, 0, 0, 0)), (math.pi, (1, 4, 1, 4))):
         scores = correlation(window, SearchRange(xy_m=0.2, yaw_rad=yaw_rad), heading_step_rad=0.2, **SETTINGS)
         last = len(scores.headings_rad) - 1
         centre = ScoredCell(score=0, heading=0, row=2, col=2)
-        mask = Apart(centre=centre, yaw_rad=0.3, cells=9).mask(scores, last, range(5), range(5))
-        assert mask.all() == expected
+        left_out = Apart(centre=centre, yaw_rad=0.3, cells=1).left_out(scores, last)
+        assert left_out == expected
 
 
 def test_nothing_is_found_where_every_score_is_negative():
