@@ -22,8 +22,8 @@ from pipeline.baselines.peak import Peak, peak_around
 class CorrelativeSearch:
     """The best cell of all in a range, found provably, and the scores around it read as a posterior.
 
-    Blur, penalty, temperature and ratio were chosen on pairs of furnished plans, apart from those that
-    methods are compared on.
+    Blur, penalty, temperature and ratio were chosen on 279 pairs of 32 plans of the default preset, 26 of
+    them of test plans; on the training plans' pairs alone, blur and penalty do no better elsewhere.
 
     Attributes:
         search: half widths; a yaw of pi or more is every heading.
