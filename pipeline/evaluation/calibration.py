@@ -41,7 +41,7 @@ def gaussian_log_density(error: Array, covariance: Array) -> Array:
         covariance: (N, 3, 3) of each.
     """
     distance = nees(error, covariance)
-    _, log_det = np.linalg.slogdet(np.where(np.isinf(distance)[:, None, None], np.eye(3), covariance))
+    _, log_det = np.linalg.slogdet(np.where(np.isfinite(distance)[:, None, None], covariance, np.eye(3)))
     return -0.5 * (distance + log_det + _DEGREES_OF_FREEDOM * math.log(2.0 * math.pi))
 
 

@@ -94,7 +94,7 @@ def measured(
         estimator: the loaded network; None for a method without one, which runs in worker processes.
         trial: the pairs.
         folder: of the report.
-        workers: processes.
+        workers: processes; a single one is this one.
         console: where to tell.
     """
     key = digest_of(
@@ -111,7 +111,7 @@ def measured(
     if (kept := _kept(disk, name)) is not None:
         console.print(f"evaluate {method.name}: {len(kept)} pairs, as measured before", highlight=False)
         return kept
-    engine = Engine.LOCAL if estimator is None else Engine.INLINE
+    engine = Engine.LOCAL if estimator is None and workers > 1 else Engine.INLINE
     found: dict[int, tuple[Outcome, ...]] = {}
     total = math.ceil(len(trial.indices) / _PAIRS_PER_CALL)
     with meter(

@@ -1,0 +1,86 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from pytest import approx
+from scipy.stats import kstest, multivariate_normal
+
+from pipeline.evaluation.calibration import (
+    LEVELS,
+    calibration,
+    chi_square_probability,
+    gaussian_log_density,
+    nees,
+    warnings,
+)
+from pipeline.evaluation.estimates import SUCCESS_M, WRONG_M, WRONG_RAD
+from tests.evaluation.toy_pairs import outcomes_of
+
+COUNT = 6000
+
+
+def _drawn(rng: np.random.Generator, count: int = COUNT):
+    """Errors (N, 3) from normal distributions, small so that no yaw wraps, and their covariances."""
+    factor = 0.1 * rng.normal(size=(count, 3, 3)) + 0.1 * np.eye(3)
+    covariance = factor @ factor.transpose(0, 2, 1)
+    return (factor @ rng.normal(size=(count, 3, 1)))[..., 0], covariance
+
+
+def test_errors_drawn_from_the_covariances_are_found_calibrated():
+    error, covariance = _drawn(np.random.default_rng(1))
+    outcomes = outcomes_of(-error, covariance=covariance)
+    found = calibration(outcomes, np.ones(COUNT, dtype=bool))
+    for level, share in zip(LEVELS, found.coverage, strict=True):
+        assert share.value == approx(level, abs=4.0 * math.sqrt(level * (1.0 - level) / COUNT))
+    assert found.nees_mean == approx(3.0, abs=0.15)
+    assert found.nees_median == approx(2.366, abs=0.12)
+    entropy = 0.5 * np.log(np.linalg.det(2.0 * math.pi * math.e * covariance)).mean()
+    assert found.gaussian_nll == approx(entropy, abs=0.1)
+    assert found.posterior_nll is None
+    probability = chi_square_probability(nees(error, covariance))
+    assert kstest(probability, "uniform").pvalue > 0.01
+
+
+@pytest.mark.parametrize(("factor", "covered"), [(0.25, False), (4.0, True)])
+def test_covariances_too_small_or_too_large_show(factor: float, covered: bool):
+    error, covariance = _drawn(np.random.default_rng(2))
+    found = calibration(outcomes_of(-error, covariance=factor * covariance), np.ones(COUNT, dtype=bool))
+    assert found.nees_mean == approx(3.0 / factor, rel=0.05)
+    assert (found.coverage[1].value > 0.95) == covered
+    right = calibration(outcomes_of(-error, covariance=covariance), np.ones(COUNT, dtype=bool))
+    assert found.gaussian_nll > right.gaussian_nll + 0.1
+
+
+def test_the_log_density_is_that_of_scipy():
+    error, covariance = _drawn(np.random.default_rng(3), count=20)
+    wanted = [multivariate_normal(np.zeros(3), c).logpdf(e) for e, c in zip(error, covariance, strict=True)]
+    assert gaussian_log_density(error, covariance) == approx(np.array(wanted))
+
+
+def test_a_covariance_without_volume_is_infinitely_wrong_and_a_missing_one_is_left_out():
+    error = np.full((3, 3), 0.1)
+    covariance = np.stack([np.eye(3), np.zeros((3, 3)), np.full((3, 3), np.nan)])
+    assert nees(error, covariance)[:2].tolist() == [approx(0.03), math.inf]
+    assert gaussian_log_density(error, covariance)[1] == -math.inf
+    assert np.isnan(nees(error, covariance)[2])
+    assert calibration(outcomes_of(error, covariance=covariance), np.ones(3, dtype=bool)).count == 2
+    assert calibration(outcomes_of(error), np.ones(3, dtype=bool)) is None
+
+
+def test_warnings_count_what_is_wrong_among_what_is_flagged_and_what_is_not():
+    far, turned, near = (
+        [WRONG_M + 0.01, 0.0, 0.0],
+        [0.0, 0.0, WRONG_RAD + 0.01],
+        [SUCCESS_M, 0.0, 0.0],
+    )
+    outcomes = outcomes_of(
+        np.array([far, turned, near, near, far, near]),
+        ambiguous=[True, False, False, True, False, False],
+        failed=[False, False, False, False, True, False],
+    )
+    found = warnings(outcomes)
+    assert found.flagged.value == approx(3 / 6)
+    assert found.wrong_unflagged.value == approx(1 / 3)
+    assert found.wrong_flagged.value == approx(2 / 3)

@@ -1,0 +1,172 @@
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+
+pytest.importorskip("matplotlib")
+
+from pipeline.errors import StoreError
+from pipeline.evaluation.gallery import panels
+from pipeline.evaluation.measured_row import Conditions, MeasuredRow, Training
+from pipeline.evaluation.report import ReportContent, report
+from pipeline.evaluation.report_gallery import Shown
+from pipeline.evaluation.statistics import resample_weights
+from pipeline.evaluation.summary import comparisons, summary
+from pipeline.evaluation.training_curve import TrainingCurve
+from pipeline.geometry.se2 import SE2
+from tests.evaluation.toy_pairs import pairs_of, toy_outcomes, toy_pair, toy_sample
+
+CONDITIONS = Conditions(
+    split="test",
+    pairs=3,
+    plans=3,
+    data_digest="d" * 64,
+    perturbation_digest="p" * 64,
+    seed=0,
+    xy_range_m=2.0,
+    yaw_range_deg=45.0,
+    commit="c" * 40,
+    hardware="2 cores of <nothing>",
+)
+FALLING = TrainingCurve(
+    samples=np.arange(1.0, 21.0), position_m=1.0 / np.arange(1.0, 21.0), yaw_rad=np.ones(20), minutes=8.0
+)
+TRAINING = Training(
+    seed=4,
+    samples=12345,
+    minutes=8.0,
+    data="data/dataset",
+    pairs=9,
+    plans=3,
+    weights_digest="w",
+    curve=FALLING,
+)
+VOID = ("meta", "br", "img")
+
+
+class _Reader(HTMLParser):
+    """Sees that every tag is closed in its turn, and notes what the page refers to."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.seen: list[str] = []
+        self.references: list[str] = []
+
+    def handle_starttag(self, tag, attrs) -> None:
+        self.seen.append(tag)
+        self.references += [value for key, value in attrs if key in ("src", "href")]
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag) -> None:
+        assert self.open.pop() == tag
+
+
+def _row(name: str, outcomes, pairs, weights, training: Training | None = None) -> MeasuredRow:
+    return MeasuredRow(
+        method=name, conditions=CONDITIONS, summary=summary(outcomes, pairs, weights), training=training
+    )
+
+
+@pytest.fixture(scope="module")
+def content() -> ReportContent:
+    toys = [toy_pair(plan) for plan in (3, 4, 5)]
+    pairs = pairs_of([pair.overlap for pair in toys])
+    weights = resample_weights(pairs.plan, rng=np.random.default_rng(0))
+    found = {
+        "orb": toy_outcomes(toys, off=SE2(0.4, 0.0, 0.0), failing=True),
+        "correlative": toy_outcomes(toys, off=SE2(0.05, 0.0, 0.0)),
+    }
+    rows = {name: _row(name, outcomes, pairs, weights) for name, outcomes in found.items()}
+    off = toy_outcomes(toys, off=SE2(0.1, 0.0, 0.0))
+    rows["vit-lie"] = _row("vit-lie", off, pairs, weights, TRAINING)
+    shown = panels(toys[0], toy_sample(toys[0]), found, 0)
+    return ReportContent(
+        conditions=CONDITIONS,
+        found=found,
+        rows=rows,
+        pairs=pairs,
+        comparisons=comparisons(found, weights),
+        gallery=[Shown(pair_id=toys[0].pair_id, why="best", overlap=0.5, panels=tuple(shown))],
+        attention={"vit-lie": shown[:1]},
+        dataset="data/dataset",
+        versions={"numpy": "1"},
+    )
+
+
+@pytest.fixture(scope="module")
+def page(content) -> str:
+    return report(content)
+
+
+def test_the_page_needs_nothing_but_itself(page):
+    reader = _Reader()
+    reader.feed(page)
+    assert not reader.open
+    assert not {"script", "link", "iframe", "object"} & set(reader.seen)
+    assert all(r.startswith(("data:image/png;base64,", "#")) for r in reader.references)
+    assert not re.search(r"https?:|@import|url\(", page)
+    anchors = {r[1:] for r in reader.references if r.startswith("#")}
+    assert anchors == set(re.findall(r'<section id="([\w-]+)"', page))
+
+
+def test_words_from_outside_are_escaped(page):
+    assert "2 cores of &lt;nothing&gt;" in page
+    assert "<nothing>" not in page
+
+
+def test_rows_that_nobody_trained_are_marked_and_hold_no_figure(page):
+    body = page.split("<tbody>")[1].split("</tbody>")[0]
+    lines = [line for line in body.split("<tr") if "not trained" in line]
+    assert len(lines) == 7
+    for line in lines:
+        printed = re.findall(r'<td class="number">(.*?)</td>', line)
+        assert set(printed) == {"–"}
+
+
+def test_a_recorded_row_tells_where_it_is_from_and_that_it_has_not_converged(page):
+    (line,) = [line for line in page.split("<tr") if 'badge recorded">recorded' in line]
+    assert "not converged" in line
+    assert "seed 4, 12,345 samples, 8.0 min" in line
+    assert "commit ccccccccc" in line
+    assert page.count('badge measured">measured') == 2
+
+
+def test_the_best_of_each_column_is_marked_and_the_paper_stands_beside(page):
+    (line,) = [line for line in page.split("<tbody>")[1].split("<tr") if "Correlative" in line]
+    assert 'class="number best">0.050' in line
+    assert "0.425" in page.split("</table>")[0]
+    assert "0.05 m" in page
+
+
+def test_a_network_at_the_error_of_answering_zero_has_not_learned(content):
+    row = replace(content.rows["orb"], method="vit-lie", training=TRAINING)
+    assert not row.has_learned
+    assert "has not learned" in report(replace(content, rows={**content.rows, "vit-lie": row}))
+
+
+def test_a_recorded_row_survives_json_and_keeps_its_name(content):
+    row = content.rows["vit-lie"]
+    after = MeasuredRow.from_json(row.to_json(), where="here")
+    assert after.to_json() == row.to_json()
+    assert after.file_name() == "vit-lie-2m-45deg.json"
+    assert after.training.curve.minutes == 8.0
+
+
+@pytest.mark.parametrize("damage", [{"format": 9}, {"summary": {}}, {"conditions": {"split": "test"}}])
+def test_a_damaged_row_is_told(content, damage):
+    with pytest.raises(StoreError, match=r"^here: "):
+        MeasuredRow.from_json({**content.rows["orb"].to_json(), **damage}, where="here")
+
+
+def test_charts_are_left_out_where_there_is_nothing_to_draw(content):
+    orb = {"rows": {"orb": content.rows["orb"]}, "found": {"orb": content.found["orb"]}}
+    bare = report(replace(content, **orb, attention={}, comparisons=[]))
+    assert "Error against training samples" not in bare
+    assert "What the transformer looks at" not in bare
+    assert "Who is better" not in bare

@@ -1,0 +1,89 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from pytest import approx
+from scipy.stats import norm
+
+from pipeline.evaluation.statistics import bootstrap_mean, resample_weights, wilson_interval
+
+
+@pytest.mark.parametrize(("successes", "trials"), [(1, 7), (50, 100), (960, 1000)])
+def test_wilsons_bounds_are_the_shares_at_which_the_score_test_just_rejects(successes: int, trials: int):
+    found = wilson_interval(successes, trials)
+    z = norm.ppf(0.975)
+    for bound in (found.low, found.high):
+        assert abs(successes / trials - bound) == approx(z * math.sqrt(bound * (1.0 - bound) / trials))
+    assert found.low < found.value == successes / trials < found.high
+
+
+def test_wilsons_interval_of_no_or_only_successes_stays_within_0_and_1():
+    z2 = norm.ppf(0.975) ** 2
+    none, all_ = wilson_interval(0, 20), wilson_interval(20, 20)
+    assert (none.low, none.high) == (0.0, approx(z2 / (20 + z2)))
+    assert (all_.low, all_.high) == (approx(20 / (20 + z2)), 1.0)
+    assert math.isnan(wilson_interval(0, 0).value)
+
+
+def test_a_bootstrapped_mean_has_the_interval_of_the_normal_approximation():
+    rng = np.random.default_rng(1)
+    values = rng.normal(2.0, 3.0, 400)
+    found = bootstrap_mean(values, resample_weights(np.arange(400), rng=rng))
+    half = norm.ppf(0.975) * values.std() / math.sqrt(400)
+    assert found.value == approx(values.mean())
+    assert (found.low, found.high) == (
+        approx(found.value - half, abs=0.08 * half),
+        approx(found.value + half, abs=0.08 * half),
+    )
+
+
+def test_the_interval_covers_the_true_mean_as_often_as_it_says():
+    rng = np.random.default_rng(2)
+    covered = 0
+    for _ in range(400):
+        values = rng.exponential(1.0, 120)
+        found = bootstrap_mean(values, resample_weights(np.arange(120), rng=rng, resamples=400))
+        covered += found.low <= 1.0 <= found.high
+    assert 0.91 <= covered / 400 <= 0.97
+
+
+def test_copies_of_a_floor_plans_pairs_make_nothing_surer():
+    values = np.random.default_rng(3).normal(size=30)
+    single = bootstrap_mean(values, resample_weights(np.arange(30), rng=np.random.default_rng(4)))
+    copied = bootstrap_mean(
+        np.repeat(values, 10), resample_weights(np.repeat(np.arange(30), 10), rng=np.random.default_rng(4))
+    )
+    assert (copied.value, copied.low, copied.high) == approx((single.value, single.low, single.high))
+    alone = bootstrap_mean(
+        np.repeat(values, 10), resample_weights(np.arange(300), rng=np.random.default_rng(4))
+    )
+    assert alone.high - alone.low < 0.5 * (copied.high - copied.low)
+
+
+def test_pairing_sees_a_small_difference_between_values_that_vary_widely():
+    rng = np.random.default_rng(5)
+    hard = rng.normal(0.0, 10.0, 50)
+    hard -= hard.mean()
+    weights = resample_weights(np.arange(50), rng=rng)
+    found = bootstrap_mean((hard + 0.1) - hard, weights)
+    assert (found.low, found.high) == (approx(0.1), approx(0.1))
+    assert found.excludes_zero
+    assert not bootstrap_mean(hard + 0.1, weights).excludes_zero
+
+
+def test_resamples_without_any_of_a_subset_are_left_out():
+    weights = resample_weights(np.arange(20), rng=np.random.default_rng(6))
+    one = weights[:, :1]
+    assert (one.sum(axis=1) == 0.0).any()
+    found = bootstrap_mean(np.array([3.0]), one)
+    assert (found.value, found.low, found.high) == (3.0, 3.0, 3.0)
+    assert math.isnan(bootstrap_mean(np.array([]), weights[:, :0]).value)
+
+
+def test_resamples_depend_on_the_stream_alone():
+    groups = np.array([0, 0, 1, 2])
+    one, two = (resample_weights(groups, rng=np.random.default_rng(7)) for _ in range(2))
+    assert (one == two).all()
+    assert (one[:, 0] == one[:, 1]).all()

@@ -1,0 +1,88 @@
+"""Pairs of maps drawn in a moment, toy methods, and outcomes made of numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from pipeline.alignment.estimate import Estimate
+from pipeline.evaluation.estimates import Outcome, Outcomes, Pairs, outcome
+from pipeline.geometry.occupancy_grid import grid_from_png
+from pipeline.geometry.se2 import SE2, Array
+from pipeline.training.pairs import MapPair
+from pipeline.training.perturbation import (
+    PerturbationRange,
+    PerturbedPair,
+    evaluation_perturbation,
+    perturbed_pair,
+)
+from tests.synthetic import synthetic_row
+
+
+def toy_pair(plan: int) -> MapPair:
+    """A synthetic sighting as an estimator's test needs it."""
+    row = synthetic_row(np.random.default_rng(plan), plan=plan)
+    grid_0, grid_1 = (
+        grid_from_png(row[f"map_{i}"], resolution_m=row["resolution_m"], T_m_g=row[f"origin_{i}"])
+        for i in (0, 1)
+    )
+    return MapPair(
+        pair_id=row["pair_id"],
+        grid_0=grid_0,
+        grid_1=grid_1,
+        T_m0_m1=row["T_m0_m1_local"],
+        T_m1_r1=row["T_m1_r1"],
+        overlap=row["overlap"],
+    )
+
+
+def toy_sample(pair: MapPair, *, seed: int = 0) -> PerturbedPair:
+    """The pair with maps wrongly laid over each other."""
+    return perturbed_pair(pair, evaluation_perturbation(pair.pair_id, PerturbationRange(), seed=seed))
+
+
+def toy_outcomes(pairs: Sequence[MapPair], *, off: SE2, failing: bool = False) -> Outcomes:
+    """Of a method that is always off by the same motion, or always fails."""
+    rows = []
+    for pair in pairs:
+        sample = toy_sample(pair)
+        estimate = (
+            Estimate(theta=None, reason="a toy")
+            if failing
+            else Estimate(theta=sample.theta_w @ off.inverse(), covariance=np.diag([0.01, 0.01, 0.001]))
+        )
+        rows.append(outcome(estimate, pair, sample, duration_s=0.01))
+    return Outcomes(tuple(rows))
+
+
+def outcomes_of(
+    error: Array,
+    *,
+    covariance: Array | None = None,
+    ambiguous: Sequence[bool] | None = None,
+    failed: Sequence[bool] | None = None,
+) -> Outcomes:
+    """Outcomes with these errors (N, 3): a failure's is that of answering zero."""
+    rows = []
+    for i, components in enumerate(error):
+        fails = failed is not None and failed[i]
+        rows.append(
+            Outcome(
+                pair_id=f"pair-{i}",
+                theta=SE2.from_array(components),
+                theta_hat=None if fails else SE2.identity(),
+                covariance=None if covariance is None else covariance[i],
+                ambiguous=ambiguous is not None and bool(ambiguous[i]),
+                reason="a toy" if fails else "",
+                log_density=None,
+                meeting_error_m=float(np.hypot(*components[:2])),
+                duration_s=0.001 * (i + 1),
+            )
+        )
+    return Outcomes(tuple(rows))
+
+
+def pairs_of(overlap: Sequence[float]) -> Pairs:
+    """Pairs of as many floor plans."""
+    return Pairs.of(np.array(overlap), [f"plan-{i}" for i in range(len(overlap))])
