@@ -8,7 +8,9 @@ from pipeline.alignment.window import FREE_CELL, MapWindow
 from pipeline.evaluation.canvas import BLUE, RED
 from pipeline.evaluation.gallery import PANEL_PX, attention_panel, chosen_pairs, panels
 from pipeline.evaluation.map_panels import BOTH
+from pipeline.geometry.occupancy_grid import FREE, OCCUPIED, OccupancyGrid
 from pipeline.geometry.se2 import SE2
+from pipeline.training.pairs import MapPair
 from tests.evaluation.toy_pairs import outcomes_of, pairs_of, toy_outcomes, toy_pair, toy_sample
 
 
@@ -69,3 +71,21 @@ def test_attention_is_drawn_where_it_lies_and_an_even_share_not_at_all():
     row, col = hot.mean(axis=0) / PANEL_PX * 12
     assert (row, col) == (approx(1.5, abs=0.3), approx(1.5, abs=0.3))
     assert len(np.unique(even.reshape(-1, 3), axis=0)) == 1
+
+
+def test_y_points_up_and_x_to_the_right():
+    cells = np.full((20, 40), FREE, np.uint8)
+    cells[16:, 30:] = OCCUPIED
+    grid = OccupancyGrid(cells=cells, resolution_m=0.1, T_m_g=SE2.identity())
+    pair = MapPair(
+        pair_id="a",
+        grid_0=grid,
+        grid_1=OccupancyGrid(cells=cells[:8], resolution_m=0.1, T_m_g=SE2.identity()),
+        T_m0_m1=SE2.identity(),
+        T_m1_r1=SE2(1.0, 0.5, 0.0),
+        overlap=0.4,
+    )
+    truth, *_ = panels(pair, toy_sample(pair), {}, 0)
+    row, col = np.argwhere((truth.image == RED).all(axis=2)).mean(axis=0) / PANEL_PX
+    # 5 m across, around (2 m, 1 m); the walls are around (3.5 m, 1.8 m).
+    assert (row, col) == (approx(0.5 - 0.8 / 5.0, abs=0.01), approx(0.5 + 1.5 / 5.0, abs=0.01))
