@@ -6,7 +6,8 @@ Legend: K peak, H heading, Y X rows and columns of a volume of translations.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -17,7 +18,7 @@ from pipeline.alignment.window import MapWindow, SearchRange
 from pipeline.errors import ConfigError
 from pipeline.geometry.se2 import SE2, Array
 from pipeline.models.matcher import Features, Matcher
-from pipeline.models.posterior import WHOLE, Gaussian, Posterior, log_prior, log_sum_exp
+from pipeline.models.posterior import WHOLE, Gaussian, Mode, Posterior, log_prior, log_sum_exp
 from pipeline.models.refined_posterior import RefinedPosterior
 
 DEFAULT_SEARCH = SearchRange.covering(xy_m=2.0, yaw_rad=math.pi / 4)
@@ -41,14 +42,16 @@ class MatcherEstimator:
         model: in evaluation mode; works where its weights are.
         search: where to look for θ.
         priors: what is known of θ before looking at the maps, in w; several are a mixture in equal parts.
-        peaks: how many peaks of the coarse volume are looked at closely.
+        peaks: how many peaks of the coarse volume are looked at closely at most.
+        negligible: peaks are left out once no more than this probability is left.
         least_mass: an estimate is ambiguous where its peak has less probability than this.
     """
 
     model: Matcher
     search: SearchRange = DEFAULT_SEARCH
     priors: tuple[Gaussian, ...] = ()
-    peaks: int = 3
+    peaks: int = 8
+    negligible: float = 0.01
     least_mass: float = 0.9
 
     @property
@@ -83,20 +86,33 @@ class MatcherEstimator:
         cells = torch.from_numpy(window.cells)[None].to(self.model.carried_weight.device)
         features = self.model.features(cells)
         coarse = self._coarse(features)
-        modes = coarse.modes(self.peaks)
-        pieces, log_masses, rest = [], [], coarse
-        for mode in modes:
-            volume = self._close_look(features, coarse.mean_and_covariance(mode).mean)
-            scores = volume.log_p_HYX + float(self.model.carried_weight) * coarse.log_p_at(mode.peak)
-            log_masses.append(log_sum_exp(scores) + math.log(math.prod(volume.steps)))
-            pieces.append(volume.normalised())
+        rest, modes, log_weights = coarse, list[Mode](), list[float]()
+        pieces = list[Posterior]()
+        for mode in self._worth_a_look(coarse):
             rest = rest.without(mode.peak)
-        inside = 1.0 - math.exp(log_sum_exp(rest.log_p_HYX))
-        masses = inside * np.exp(np.array(log_masses) - log_sum_exp(np.array(log_masses)))
+            volume = self._close_look(features, coarse.mean_and_covariance(mode).mean)
+            if any(piece.holds(volume.middle()) for piece in pieces):
+                continue  # a shoulder, from which the look has moved on to the same peak
+            scores = volume.log_p_HYX + float(self.model.carried_weight) * coarse.log_p_at(mode.peak)
+            log_weights.append(log_sum_exp(scores) + math.log(math.prod(volume.steps)))
+            modes.append(mode)
+            pieces.append(volume.normalised())
+        log_left = log_sum_exp(rest.log_p_HYX)
+        logs = np.append(log_weights, log_left + _typical_gain(modes, np.array(log_weights)))
+        logs -= log_sum_exp(logs)
+        if math.isfinite(log_left):
+            rest = replace(rest, log_p_HYX=rest.log_p_HYX - log_left + logs[-1])
+        masses = np.exp(logs[:-1])
         order = np.argsort(-masses, kind="stable")
         return RefinedPosterior(
             coarse=coarse, pieces=tuple(pieces[k] for k in order), masses=masses[order], rest=rest
         )
+
+    def _worth_a_look(self, coarse: Posterior) -> tuple[Mode, ...]:
+        """The coarse peaks, as many as leave no more than a negligible probability elsewhere."""
+        modes = coarse.modes(self.peaks)
+        before = np.cumsum([0.0, *(mode.mass for mode in modes[:-1])])
+        return tuple(m for m, p in zip(modes, before, strict=True) if p <= 1.0 - self.negligible)
 
     def _coarse(self, features: Features) -> Posterior:
         """The posterior over the whole search, in the matcher's coarse cells."""
@@ -146,3 +162,13 @@ class MatcherEstimator:
     def _tensor(self, values: Array) -> Tensor:
         """Values of the one pair, where the model's weights are."""
         return torch.from_numpy(values)[None].to(self.model.carried_weight)
+
+
+def _typical_gain(modes: Sequence[Mode], log_weights: Array) -> float:
+    """By how much, in logs, a close look changes the weight of a peak that turns out not to be the best.
+
+    What no close look was taken at is taken to lose by as much as the peaks that lost.
+    """
+    gains = log_weights - np.log([mode.mass for mode in modes])
+    lost = np.delete(gains, log_weights.argmax())
+    return float(np.median(lost)) if lost.size else float(gains[0])

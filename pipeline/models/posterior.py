@@ -158,6 +158,19 @@ class Posterior:
         h, y, x = cell_HYX
         return SE2(float(self.xs_m[x]), float(self.ys_m[y]), wrap_angle(float(self.headings_rad[h])))
 
+    def middle(self) -> SE2:
+        """The frame error of the cell in the middle."""
+        return self.theta_at([size // 2 for size in self.log_p_HYX.shape])
+
+    def holds(self, theta: SE2) -> bool:
+        """Whether θ lies within the grid."""
+        middle, (turn, y, x) = self.middle(), self.steps
+        return (
+            abs(wrap_angle(theta.yaw_rad - middle.yaw_rad)) <= 0.5 * turn * self.headings_rad.size
+            and abs(theta.y_m - middle.y_m) <= 0.5 * y * self.ys_m.size
+            and abs(theta.x_m - middle.x_m) <= 0.5 * x * self.xs_m.size
+        )
+
     def log_p_at(self, theta: SE2) -> float:
         """Log of the probability of the cell whose centre is nearest to θ."""
         turn = np.abs(_wrapped(self.headings_rad - theta.yaw_rad)).argmin()

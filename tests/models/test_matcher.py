@@ -1,6 +1,7 @@
 """Signs, laws and learning of the matcher, on maps with a known frame error."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -182,11 +183,39 @@ def test_estimator_searches_all_headings_and_four_metres(yaw_deg):
     assert is_near(posterior.best().mean, theta, within_m=0.05, within_deg=0.5)
 
 
-def test_masses_and_what_is_left_sum_to_one():
-    posterior = MatcherEstimator(model=SMALL.build().eval()).posterior(window_of(THETA))
+def two_likely_places() -> MatcherEstimator:
+    """A matcher that cannot tell, and two priors of different widths, as likely as each other."""
+    matcher = wall_matcher()
+    with torch.no_grad():
+        matcher.fine_log_scale.fill_(-30.0)
+        matcher.coarse_log_scale.fill_(-30.0)
+        matcher.carried_weight.fill_(0.0)
+    narrow = Gaussian(mean=SE2(-1.0, 0.4, -0.3), covariance=np.diag([0.05, 0.05, 0.014]) ** 2)
+    wide = Gaussian(mean=SE2(1.0, 0.0, 0.3), covariance=np.diag([0.1, 0.1, 0.02]) ** 2)
+    return MatcherEstimator(model=matcher, priors=(narrow, wide))
+
+
+def test_peaks_weigh_by_their_volume_not_their_cells():
+    posterior = two_likely_places().posterior(window_of(THETA))
+    assert posterior.masses == pytest.approx([0.5, 0.5], abs=0.05)
     assert posterior.masses.sum() + np.exp(posterior.rest.log_p_HYX).sum() == pytest.approx(1.0)
-    assert len(posterior.pieces) == 3
-    assert (np.diff(posterior.masses) <= 0.0).all()
+
+
+def test_what_was_not_looked_at_keeps_its_share_if_looking_changes_nothing():
+    posterior = replace(two_likely_places(), peaks=1).posterior(window_of(THETA))
+    assert len(posterior.pieces) == 1
+    (looked_at,) = posterior.coarse.modes(1)
+    assert 0.2 < looked_at.mass < 0.8
+    assert posterior.masses == pytest.approx([looked_at.mass], abs=0.01)
+    assert np.exp(posterior.rest.log_p_HYX).sum() == pytest.approx(1.0 - looked_at.mass, abs=0.01)
+
+
+def test_no_peak_is_counted_twice():
+    torch.manual_seed(0)
+    pieces = MatcherEstimator(model=SMALL.build().eval()).posterior(window_of(THETA)).pieces
+    middles = [piece.middle() for piece in pieces]
+    for k, piece in enumerate(pieces):
+        assert not any(piece.holds(middle) for middle in middles[:k] + middles[k + 1 :])
 
 
 def test_an_untrained_matcher_says_that_it_does_not_know():
@@ -208,19 +237,6 @@ def test_a_prior_chooses_between_a_map_and_its_half_turn():
         assert not estimate.ambiguous
         truth = SE2(0.0, 0.0, round(yaw_rad / math.pi) * math.pi)
         assert is_near(estimate.theta, truth, within_m=0.02, within_deg=0.5)
-
-
-def test_peaks_weigh_by_their_volume_not_their_cells():
-    """A matcher that cannot tell leaves two priors of different widths as likely as they were: equally."""
-    matcher = wall_matcher()
-    with torch.no_grad():
-        matcher.fine_log_scale.fill_(-30.0)
-        matcher.coarse_log_scale.fill_(-30.0)
-        matcher.carried_weight.fill_(0.0)
-    narrow = Gaussian(mean=SE2(-1.0, 0.4, -0.3), covariance=np.diag([0.05, 0.05, 0.014]) ** 2)
-    wide = Gaussian(mean=SE2(1.0, 0.0, 0.3), covariance=np.diag([0.1, 0.1, 0.02]) ** 2)
-    estimator = MatcherEstimator(model=matcher, priors=(narrow, wide), peaks=2)
-    assert estimator.posterior(window_of(THETA)).masses == pytest.approx([0.5, 0.5], abs=0.05)
 
 
 def test_a_map_with_nothing_in_the_window_gives_no_estimate():
