@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import torch
@@ -86,7 +86,7 @@ class MatcherEstimator:
         cells = torch.from_numpy(window.cells)[None].to(self.model.carried_weight.device)
         features = self.model.features(cells)
         coarse = self._coarse(features)
-        rest, modes, log_weights = coarse, list[Mode](), list[float]()
+        rest, log_weights = coarse, list[float]()
         pieces = list[Posterior]()
         for mode in self._worth_a_look(coarse):
             rest = rest.without(mode.peak)
@@ -95,14 +95,11 @@ class MatcherEstimator:
                 continue  # a shoulder, from which the look has moved on to the same peak
             scores = volume.log_p_HYX + float(self.model.carried_weight) * coarse.log_p_at(mode.peak)
             log_weights.append(log_sum_exp(scores) + math.log(math.prod(volume.steps)))
-            modes.append(mode)
             pieces.append(volume.normalised())
-        log_left = log_sum_exp(rest.log_p_HYX)
-        logs = np.append(log_weights, log_left + _typical_gain(modes, np.array(log_weights)))
-        logs -= log_sum_exp(logs)
-        if math.isfinite(log_left):
-            rest = replace(rest, log_p_HYX=rest.log_p_HYX - log_left + logs[-1])
-        masses = np.exp(logs[:-1])
+        # What no close look was taken at keeps its coarse probability.
+        inside = 1.0 - math.exp(log_sum_exp(rest.log_p_HYX))
+        logs = np.array(log_weights)
+        masses = inside * np.exp(logs - log_sum_exp(logs))
         order = np.argsort(-masses, kind="stable")
         return RefinedPosterior(
             coarse=coarse, pieces=tuple(pieces[k] for k in order), masses=masses[order], rest=rest
@@ -125,7 +122,8 @@ class MatcherEstimator:
         slides = math.ceil(self.search.xy_m / cell_m - 1e-6)
         scores = self.model.coarse_scores(features, self._tensor(headings), slides)
         axis = cell_m * np.arange(-slides, slides + 1, dtype=np.float64)
-        return self._volume(headings, axis, axis, scores).normalised()
+        priors = tuple(prior.through_cells(cell_m, step) for prior in self.priors)
+        return _volume(headings, axis, axis, scores, priors).normalised()
 
     def _close_look(self, features: Features, centre: SE2) -> Posterior:
         """Scores around a peak, in cells as fine as the peak is narrow; not normalised."""
@@ -148,27 +146,19 @@ class MatcherEstimator:
             for at, (n, size) in zip(middle, cells, strict=True)
         )
         y_BHY, x_BHX = (self._tensor(np.tile(axis, (headings.size, 1))) for axis in (ys_m, xs_m))
-        return self._volume(
-            headings, ys_m, xs_m, self.model.fine_scores(features, self._tensor(headings), y_BHY, x_BHX)
-        )
-
-    def _volume(self, headings: Array, ys_m: Array, xs_m: Array, scores_BHYX: Tensor) -> Posterior:
-        """One pair's scores with the prior multiplied in."""
-        log_p = scores_BHYX[0].double().cpu().numpy()
-        if self.priors:
-            log_p = log_p + log_prior(self.priors, headings, ys_m, xs_m)
-        return Posterior(headings_rad=headings, ys_m=ys_m, xs_m=xs_m, log_p_HYX=log_p)
+        scores = self.model.fine_scores(features, self._tensor(headings), y_BHY, x_BHX)
+        return _volume(headings, ys_m, xs_m, scores, self.priors)
 
     def _tensor(self, values: Array) -> Tensor:
         """Values of the one pair, where the model's weights are."""
         return torch.from_numpy(values)[None].to(self.model.carried_weight)
 
 
-def _typical_gain(modes: Sequence[Mode], log_weights: Array) -> float:
-    """By how much, in logs, a close look changes the weight of a peak that turns out not to be the best.
-
-    What no close look was taken at is taken to lose by as much as the peaks that lost.
-    """
-    gains = log_weights - np.log([mode.mass for mode in modes])
-    lost = np.delete(gains, log_weights.argmax())
-    return float(np.median(lost)) if lost.size else float(gains[0])
+def _volume(
+    headings_rad: Array, ys_m: Array, xs_m: Array, scores_BHYX: Tensor, priors: Sequence[Gaussian]
+) -> Posterior:
+    """One pair's scores with the priors multiplied in; not normalised."""
+    log_p = scores_BHYX[0].double().cpu().numpy()
+    if priors:
+        log_p = log_p + log_prior(priors, headings_rad, ys_m, xs_m)
+    return Posterior(headings_rad=headings_rad, ys_m=ys_m, xs_m=xs_m, log_p_HYX=log_p)

@@ -38,6 +38,11 @@ class Gaussian:
     mean: SE2
     covariance: Array
 
+    def through_cells(self, cell_m: float, cell_rad: float) -> Gaussian:
+        """The same as cells of this size show it: even where it is narrower than one, one of them gets it."""
+        cell = np.diag([cell_m**2, cell_m**2, cell_rad**2]) / 12.0
+        return replace(self, covariance=self.covariance + cell)
+
     def search(self, *, sigmas: float = 3.5) -> SearchRange:
         """The search around zero that reaches that many standard deviations from the mean."""
         R = SE2(0.0, 0.0, self.mean.yaw_rad).matrix()
