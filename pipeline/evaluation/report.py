@@ -34,6 +34,7 @@ from pipeline.evaluation.report_tables import (
     calibration_table,
     comparison_table,
     overlap_table,
+    share_words,
     table_one,
     time_table,
 )
@@ -102,13 +103,13 @@ def _head(content: ReportContent) -> Html:
         strong(title(ranked[0])),
         f" has the smallest mean error of what was measured here: {best.position_m.value:.3f} m and "
         f"{math.degrees(best.heading_rad.value):.2f}°, within {SUCCESS_M:g} m and "
-        f"{math.degrees(SUCCESS_RAD):.0f}° in {best.success.value:.1%} of pairs.",
+        f"{math.degrees(SUCCESS_RAD):.0f}° in {share_words(best.success.value)} of pairs.",
     ]
     if len(ranked) > 1:
         second = content.rows[ranked[1]].summary.overall
         line.append(
             f" Next is {title(ranked[1])} with {second.position_m.value:.3f} m and "
-            f"{math.degrees(second.heading_rad.value):.2f}°, {second.success.value:.1%}."
+            f"{math.degrees(second.heading_rad.value):.2f}°, {share_words(second.success.value)}."
         )
     return joined(
         paragraph(*line, kind="lead"),
@@ -139,14 +140,13 @@ def _table_one(content: ReportContent) -> list[Html]:
             "The paper does not state its range: ±2 m, ±2 m, ±45° is inferred from the row of its table that "
             "failed to learn, whose errors are those of answering zero. Its pairs are not public, so its "
             "columns stand beside ours for orientation only. Where it has one Hough row, ours has two. "
-            f"Small figures are {LEVEL:.0%} intervals: of means by {RESAMPLES:,} bootstrap resamples of "
-            "whole floor plans, of shares by Wilson's formula. Where a method finds no estimate, its error "
-            "is that of making no correction, and it counts as no success; “95 % below” is position, then "
-            "heading. "
-            f"“Not converged”: over the last quarter of training the validation error still fell by more "
-            f"than {STILL_FALLING:.0%}. “Has not learned”: the mean error is near that of answering zero. "
-            "“Recorded” rows are from an earlier run, told beside them; rows that "
-            "nobody has trained stay empty.",
+            f"Small figures are {100 * LEVEL:.0f} % intervals: of means by {RESAMPLES:,} bootstrap resamples "
+            "of whole floor plans, of shares by Wilson's formula. Where a method finds no estimate, its "
+            "error is that of making no correction, and it counts as no success; “95 % below” is position, "
+            "then heading. “Not converged”: over the last quarter of training the validation error still "
+            f"fell by more than {100 * STILL_FALLING:.0f} %. “Has not learned”: the mean error is near that of "
+            "answering zero. “Recorded” rows are from an earlier run, told beside them; rows that nobody has "
+            "trained stay empty.",
             kind="note",
         ),
     ]
@@ -154,7 +154,7 @@ def _table_one(content: ReportContent) -> list[Html]:
 
 def _overlap(content: ReportContent) -> list[Html]:
     return [
-        overlap_table(content.rows),
+        overlap_table(content.rows, list(content.found)),
         paragraph(
             "Mean position error, mean heading error, and success, by how much of the ground both robots "
             "know: |known by both| / |known by either|.",
@@ -206,7 +206,7 @@ def _calibration(content: ReportContent) -> list[Html]:
             "calls ambiguous, or none. Covariances are tested on the estimates that are not flagged: of the "
             "errors, 50, 90 and 95 % should lie inside the ellipsoids of those probabilities."
         ),
-        calibration_table(content.rows),
+        calibration_table(content.rows, list(content.found)),
         *(
             []
             if chart is None

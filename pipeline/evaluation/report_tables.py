@@ -35,7 +35,7 @@ def table_one(rows: Rows, measured: Sequence[str]) -> Html:
         + [(word, 1) for word in ("Δx m", "Δy m", "Δψ rad", "Δx", "Δy", "Δψ")]
         + [(word, 1) for word in ("success", "95 % below", "no estimate", "source")],
     ]
-    best = _best(rows)
+    best = _best({name: rows[name] for name in measured})
     own = [name for name in OWN_METHODS if name in rows]
     body: list[list[Cell | None]] = [_table_one_row(row.name, rows, measured, best) for row in ABLATION]
     return table(header, [*body, [None], *(_table_one_row(name, rows, measured, best) for name in own)])
@@ -51,15 +51,17 @@ def _table_one_row(
     return [
         *first,
         *(
-            Cell(main=_number(mean.value, 3), small=_range(mean, 3), best=best[component] == name)
+            Cell(main=_number(mean.value, 3), small=_range(mean, 3), best=best.get(component) == name)
             for component, mean in zip("xyψ", found.mean, strict=True)
         ),
         *(Cell(main=_number(value, 3)) for value in found.median),
         Cell(
-            main=_share(found.success.value), small=_share_range(found.success), best=best["success"] == name
+            main=share_words(found.success.value),
+            small=_share_range(found.success),
+            best=best.get("success") == name,
         ),
         Cell(main=f"{found.position_p95_m:.2f} m", small=f"{math.degrees(found.heading_p95_rad):.1f}°"),
-        Cell(main=_share(found.failures)),
+        Cell(main=share_words(found.failures)),
         _source(name, rows, measured),
     ]
 
@@ -109,12 +111,16 @@ def _conditions(row: MeasuredRow) -> str:
     return f"{c.pairs:,} pairs of data {c.data_digest[:9]}{commit}"
 
 
-def overlap_table(rows: Rows) -> Html:
-    """Errors and successes by overlap."""
-    sizes = next((row.summary.by_overlap for row in rows.values()), ())
+def _name(name: str, measured: Sequence[str]) -> Cell:
+    return Cell(main=title(name), small="" if name in measured else "recorded", kind="name")
+
+
+def overlap_table(rows: Rows, measured: Sequence[str]) -> Html:
+    """Errors and successes by overlap; the pairs of a recorded row may be others than those counted."""
+    sizes = rows[measured[0]].summary.by_overlap
     bins = [
         (f"overlap {name}, {found.count} pairs" if found else f"overlap {name}, none", 3)
-        for name, found in zip(OVERLAP_BINS, sizes, strict=False)
+        for name, found in zip(OVERLAP_BINS, sizes, strict=True)
     ]
     header = [
         [("", 1), *bins],
@@ -122,9 +128,9 @@ def overlap_table(rows: Rows) -> Html:
     ]
     body: list[list[Cell | None]] = []
     for name, row in rows.items():
-        cells: list[Cell | None] = [Cell(main=title(name), kind="name")]
+        cells: list[Cell | None] = [_name(name, measured)]
         for b, found in enumerate(row.summary.by_overlap):
-            cells += _bin_cells(found, best=_best_of_bin(rows, b) == name)
+            cells += _bin_cells(found, best=_best_of_bin({n: rows[n] for n in measured}, b) == name)
         body.append(cells)
     return table(header, body)
 
@@ -141,7 +147,7 @@ def _bin_cells(found: Accuracy | None, *, best: bool) -> list[Cell]:
     return [
         Cell(main=_number(found.position_m.value, 3), small=_range(found.position_m, 2), best=best),
         Cell(main=_number(heading.value, 2), small=_range(heading, 1)),
-        Cell(main=_share(found.success.value), small=_share_range(found.success)),
+        Cell(main=share_words(found.success.value), small=_share_range(found.success)),
     ]
 
 
@@ -165,20 +171,23 @@ def comparison_table(found: Sequence[Comparison]) -> Html:
     return table(header, body)
 
 
-def _verdict(c: Comparison) -> Piece:
-    surer = [
-        name
-        for name, value, sign in (
-            ("position", c.position_m, -1.0),
-            ("heading", c.heading_rad, -1.0),
-            ("success", c.success, 1.0),
-        )
-        if value.excludes_zero and value.value * sign > 0.0
+def _verdict(c: Comparison) -> str:
+    """What the intervals leave no doubt about."""
+    gains = {
+        "position": c.position_m.scaled(-1.0),
+        "heading": c.heading_rad.scaled(-1.0),
+        "success": c.success,
+    }
+    sure = {name: gain for name, gain in gains.items() if gain.excludes_zero}
+    better = [name for name, gain in sure.items() if gain.value > 0.0]
+    worse = [name for name, gain in sure.items() if gain.value < 0.0]
+    words = [
+        f"{word} in {', '.join(names)}" for word, names in (("better", better), ("worse", worse)) if names
     ]
-    return f"better in {', '.join(surer)}" if surer else "no difference beyond doubt"
+    return "; ".join(words) or "no difference beyond doubt"
 
 
-def calibration_table(rows: Rows) -> Html:
+def calibration_table(rows: Rows, measured: Sequence[str]) -> Html:
     """What methods say of their own errors."""
     header = [
         [
@@ -189,7 +198,7 @@ def calibration_table(rows: Rows) -> Html:
             ("negative log density", 2),
         ],
         [(w, 1) for w in ("method", "flagged", "wrong, not flagged", "wrong, flagged")]
-        + [(f"{level:.0%}", 1) for level in LEVELS]
+        + [(f"{100 * level:.0f} %", 1) for level in LEVELS]
         + [(w, 1) for w in ("mean", "median", "normal", "own posterior")],
     ]
     body: list[list[Cell | None]] = []
@@ -197,9 +206,9 @@ def calibration_table(rows: Rows) -> Html:
         w = row.summary.warnings
         body.append(
             [
-                Cell(main=title(name), kind="name"),
+                _name(name, measured),
                 *(
-                    Cell(main=_share(share.value), small=_share_range(share))
+                    Cell(main=share_words(share.value), small=_share_range(share))
                     for share in (w.flagged, w.wrong_unflagged, w.wrong_flagged)
                 ),
                 *_calibration_cells(row.summary.calibration_unflagged),
@@ -212,7 +221,7 @@ def _calibration_cells(found: Calibration | None) -> list[Cell]:
     if found is None:
         return [Cell(main=_DASH)] * 7
     return [
-        *(Cell(main=_share(share.value), small=_share_range(share)) for share in found.coverage),
+        *(Cell(main=share_words(share.value), small=_share_range(share)) for share in found.coverage),
         Cell(main=_number(found.nees_mean, 2)),
         Cell(main=_number(found.nees_median, 2)),
         Cell(main=_number(found.gaussian_nll, 2)),
@@ -225,7 +234,7 @@ def time_table(rows: Rows, measured: Sequence[str]) -> Html:
     header = [[(w, 1) for w in ("method", "median ms", "95 % below ms", "T̂ misplaces robot 1 by m", "")]]
     body: list[list[Cell | None]] = [
         [
-            Cell(main=title(name), kind="name"),
+            _name(name, measured),
             Cell(main=f"{1000.0 * row.summary.duration_median_s:.1f}"),
             Cell(main=f"{1000.0 * row.summary.duration_p95_s:.1f}"),
             Cell(
@@ -251,7 +260,8 @@ def _range(value: Interval, decimals: int) -> str:
     return f"{_number(value.low, decimals)} … {_number(value.high, decimals)}".replace("-", "−")
 
 
-def _share(value: float) -> str:
+def share_words(value: float) -> str:
+    """A share in percent."""
     return f"{100.0 * value:.1f} %" if math.isfinite(value) else _DASH
 
 

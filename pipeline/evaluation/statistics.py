@@ -28,8 +28,9 @@ class Interval:
     high: float
 
     def scaled(self, factor: float) -> Interval:
-        """In another unit."""
-        return Interval(value=factor * self.value, low=factor * self.low, high=factor * self.high)
+        """In another unit, or with the other sign."""
+        low, high = sorted((factor * self.low, factor * self.high))
+        return Interval(value=factor * self.value, low=low, high=high)
 
     @property
     def excludes_zero(self) -> bool:

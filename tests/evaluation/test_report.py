@@ -14,8 +14,9 @@ from pipeline.evaluation.gallery import panels
 from pipeline.evaluation.measured_row import Conditions, MeasuredRow, Training
 from pipeline.evaluation.report import ReportContent, report
 from pipeline.evaluation.report_gallery import Shown
-from pipeline.evaluation.statistics import resample_weights
-from pipeline.evaluation.summary import comparisons, summary
+from pipeline.evaluation.report_tables import comparison_table
+from pipeline.evaluation.statistics import Interval, resample_weights
+from pipeline.evaluation.summary import Comparison, comparisons, summary
 from pipeline.evaluation.training_curve import TrainingCurve
 from pipeline.geometry.se2 import SE2
 from tests.evaluation.toy_pairs import pairs_of, toy_outcomes, toy_pair, toy_sample
@@ -170,3 +171,19 @@ def test_charts_are_left_out_where_there_is_nothing_to_draw(content):
     assert "Error against training samples" not in bare
     assert "What the transformer looks at" not in bare
     assert "Who is better" not in bare
+
+
+def test_a_verdict_names_what_is_better_and_what_is_worse_beyond_doubt():
+    def interval(low: float, high: float) -> Interval:
+        return Interval(value=(low + high) / 2.0, low=low, high=high)
+
+    comparison = Comparison(
+        better="orb",
+        other="hough",
+        position_m=interval(-0.8, -0.1),
+        heading_rad=interval(0.1, 0.2),
+        success=interval(-0.2, 0.1),
+    )
+    assert "better in position; worse in heading<" in comparison_table([comparison]).text
+    unsure = replace(comparison, position_m=interval(-0.8, 0.1), heading_rad=interval(-0.1, 0.2))
+    assert "no difference beyond doubt" in comparison_table([unsure]).text

@@ -7,7 +7,7 @@ import pytest
 from pytest import approx
 from scipy.stats import norm
 
-from pipeline.evaluation.statistics import bootstrap_mean, resample_weights, wilson_interval
+from pipeline.evaluation.statistics import Interval, bootstrap_mean, resample_weights, wilson_interval
 
 
 @pytest.mark.parametrize(("successes", "trials"), [(1, 7), (50, 100), (960, 1000)])
@@ -87,3 +87,9 @@ def test_resamples_depend_on_the_stream_alone():
     one, two = (resample_weights(groups, rng=np.random.default_rng(7)) for _ in range(2))
     assert (one == two).all()
     assert (one[:, 0] == one[:, 1]).all()
+
+
+def test_an_interval_of_the_other_sign_still_goes_from_low_to_high():
+    found = Interval(value=0.2, low=-0.1, high=0.5).scaled(-100.0)
+    assert (found.value, found.low, found.high) == (-20.0, -50.0, 10.0)
+    assert not found.excludes_zero
