@@ -6,8 +6,7 @@ Legend: K peak, H heading, Y X rows and columns of a volume of translations.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -85,7 +84,9 @@ class MatcherEstimator:
             )
         cells = torch.from_numpy(window.cells)[None].to(self.model.carried_weight.device)
         features = self.model.features(cells)
-        coarse = self._coarse(features)
+        seen = self._coarse(features)
+        priors = (p.through_cells(config.coarse_cell_m, config.heading_step_rad) for p in self.priors)
+        coarse = seen.times_prior(*priors) if self.priors else seen
         rest, log_weights = coarse, list[float]()
         pieces = list[Posterior]()
         for mode in self._worth_a_look(coarse):
@@ -93,7 +94,7 @@ class MatcherEstimator:
             volume = self._close_look(features, coarse.mean_and_covariance(mode).mean)
             if any(piece.holds(volume.middle()) for piece in pieces):
                 continue  # a shoulder, from which the look has moved on to the same peak
-            scores = volume.log_p_HYX + float(self.model.carried_weight) * coarse.log_p_at(mode.peak)
+            scores = volume.log_p_HYX + float(self.model.carried_weight) * seen.log_p_at(mode.peak)
             log_weights.append(log_sum_exp(scores) + math.log(math.prod(volume.steps)))
             pieces.append(volume.normalised())
         # What no close look was taken at keeps its coarse probability.
@@ -112,7 +113,7 @@ class MatcherEstimator:
         return tuple(m for m, p in zip(modes, before, strict=True) if p <= 1.0 - self.negligible)
 
     def _coarse(self, features: Features) -> Posterior:
-        """The posterior over the whole search, in the matcher's coarse cells."""
+        """The likelihood over the whole search, in the matcher's coarse cells."""
         config = self.model.config
         step, cell_m = config.heading_step_rad, config.coarse_cell_m
         reach = math.ceil(self.search.yaw_rad / step - 1e-6)
@@ -122,8 +123,7 @@ class MatcherEstimator:
         slides = math.ceil(self.search.xy_m / cell_m - 1e-6)
         scores = self.model.coarse_scores(features, self._tensor(headings), slides)
         axis = cell_m * np.arange(-slides, slides + 1, dtype=np.float64)
-        priors = tuple(prior.through_cells(cell_m, step) for prior in self.priors)
-        return _volume(headings, axis, axis, scores, priors).normalised()
+        return _volume(headings, axis, axis, scores).normalised()
 
     def _close_look(self, features: Features, centre: SE2) -> Posterior:
         """Scores around a peak, in cells as fine as the peak is narrow; not normalised."""
@@ -147,18 +147,17 @@ class MatcherEstimator:
         )
         y_BHY, x_BHX = (self._tensor(np.tile(axis, (headings.size, 1))) for axis in (ys_m, xs_m))
         scores = self.model.fine_scores(features, self._tensor(headings), y_BHY, x_BHX)
-        return _volume(headings, ys_m, xs_m, scores, self.priors)
+        volume = _volume(headings, ys_m, xs_m, scores)
+        if not self.priors:
+            return volume
+        return replace(volume, log_p_HYX=volume.log_p_HYX + log_prior(self.priors, headings, ys_m, xs_m))
 
     def _tensor(self, values: Array) -> Tensor:
         """Values of the one pair, where the model's weights are."""
         return torch.from_numpy(values)[None].to(self.model.carried_weight)
 
 
-def _volume(
-    headings_rad: Array, ys_m: Array, xs_m: Array, scores_BHYX: Tensor, priors: Sequence[Gaussian]
-) -> Posterior:
-    """One pair's scores with the priors multiplied in; not normalised."""
+def _volume(headings_rad: Array, ys_m: Array, xs_m: Array, scores_BHYX: Tensor) -> Posterior:
+    """One pair's scores, not normalised."""
     log_p = scores_BHYX[0].double().cpu().numpy()
-    if priors:
-        log_p = log_p + log_prior(priors, headings_rad, ys_m, xs_m)
     return Posterior(headings_rad=headings_rad, ys_m=ys_m, xs_m=xs_m, log_p_HYX=log_p)

@@ -189,7 +189,6 @@ def two_likely_places() -> MatcherEstimator:
     with torch.no_grad():
         matcher.fine_log_scale.fill_(-30.0)
         matcher.coarse_log_scale.fill_(-30.0)
-        matcher.carried_weight.fill_(0.0)
     narrow = Gaussian(mean=SE2(-1.0, 0.4, -0.3), covariance=np.diag([0.05, 0.05, 0.014]) ** 2)
     wide = Gaussian(mean=SE2(1.0, 0.0, 0.3), covariance=np.diag([0.1, 0.1, 0.02]) ** 2)
     return MatcherEstimator(model=matcher, priors=(narrow, wide))
