@@ -145,8 +145,8 @@ def _table_one(content: ReportContent) -> list[Html]:
             "error is that of making no correction, and it counts as no success; “95 % below” is position, "
             "then heading. “Not converged”: over the last quarter of training the validation error still "
             f"fell by more than {100 * STILL_FALLING:.0f} %. “Has not learned”: the mean error is near that "
-            "of answering zero. “Recorded” rows are from an earlier run, told beside them; rows that nobody has "
-            "trained stay empty.",
+            "of answering zero. “Recorded” rows are from an earlier run, told beside them; rows that nobody "
+            "has trained stay empty.",
             kind="note",
         ),
     ]
