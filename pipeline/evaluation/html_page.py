@@ -74,7 +74,8 @@ def table(header: Sequence[Sequence[tuple[str, int]]], rows: Sequence[Sequence[C
     lines = [
         "<tr>"
         + "".join(
-            f'<th colspan="{span}"{_class("group" if span > 1 else "")}>{escape(w)}</th>' for w, span in line
+            f'<th colspan="{span}"{_class("group" if span > 1 and w else "")}>{escape(w)}</th>'
+            for w, span in line
         )
         + "</tr>"
         for line in header
@@ -142,7 +143,7 @@ _CSS = """
 *{box-sizing:border-box}
 body{margin:0;background:#fff;color:var(--ink);line-height:1.5;
 font:16px/1.5 system-ui,-apple-system,"Segoe UI",Roboto,"Helvetica Neue",Arial,sans-serif}
-main{max-width:1180px;margin:0 auto;padding:40px 28px 80px}
+main{max-width:1320px;margin:0 auto;padding:40px 28px 80px}
 h1{font-size:2.1rem;line-height:1.15;margin:0 0 .4rem;letter-spacing:-.02em}
 h2{font-size:1.35rem;margin:3rem 0 .5rem;letter-spacing:-.01em}
 h3{font-size:1.02rem;margin:1.8rem 0 .3rem}
@@ -158,11 +159,11 @@ dl.facts div{background:#fff;padding:.6rem .8rem}
 dt{color:var(--muted);font-size:.76rem}dd{margin:0;font-weight:600;font-variant-numeric:tabular-nums}
 .scroll{overflow-x:auto;margin:.9rem 0}
 table{border-collapse:collapse;width:100%;font-size:.87rem;font-variant-numeric:tabular-nums}
-th{font-weight:600;color:var(--muted);text-align:right;padding:.25rem .55rem;font-size:.78rem;
+th{font-weight:600;color:var(--muted);text-align:right;padding:.25rem .45rem;font-size:.78rem;
 white-space:nowrap;vertical-align:bottom}
 th:first-child,td.name,td.words{text-align:left}
 th.group{text-align:center;border-bottom:1px solid var(--line);color:var(--ink)}
-td{padding:.36rem .55rem;text-align:right;border-top:1px solid var(--line);vertical-align:top;
+td{padding:.36rem .45rem;text-align:right;border-top:1px solid var(--line);vertical-align:top;
 white-space:nowrap}
 td.words{white-space:normal;min-width:11rem}
 td.switch{text-align:center;color:var(--muted)}

@@ -31,6 +31,7 @@ ROOT = Path(__file__).parents[2]
 SHIPPED_WEIGHTS = ROOT / "assets" / "weights"
 RUNS = Path("runs")
 CURVE = "curve.json"
+"""Beside weights, as `train` leaves them; beside shipped ones NAME.curve.json."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -139,26 +140,34 @@ def training_of(method: Method, record: Mapping[str, Any]) -> Training:
         record: what the weights' file tells of it.
 
     Raises:
-        StoreError: the curve beside the weights is damaged.
+        StoreError: the curve beside the weights is damaged, or the record is of something else.
     """
     assert method.weights is not None
-    data = record["data"]
-    curve = _curve(method.weights.parent / CURVE, record)
-    return Training(
-        seed=record["seed"],
-        samples=record["samples"],
-        minutes=None if curve is None else curve.minutes,
-        data=data["folder"],
-        pairs=data["pairs"]["train"],
-        plans=data["plans"]["train"],
-        weights_digest=method.weights_digest(),
-        curve=curve,
-    )
+    curve = _curve(method.weights, record)
+    try:
+        data = record["data"]
+        return Training(
+            seed=record["seed"],
+            samples=record["samples"],
+            minutes=None if curve is None else curve.minutes,
+            data=data["folder"],
+            pairs=data["pairs"]["train"],
+            plans=data["plans"]["train"],
+            weights_digest=method.weights_digest(),
+            curve=curve,
+        )
+    except (KeyError, TypeError) as error:
+        raise StoreError(
+            f"{method.weights}: does not tell how it was trained ({error}); must be what train writes"
+        ) from error
 
 
-def _curve(path: Path, record: Mapping[str, Any]) -> TrainingCurve | None:
+def _curve(weights: Path, record: Mapping[str, Any]) -> TrainingCurve | None:
     """The curve beside weights, if it is of the run that they are from."""
-    if not path.is_file():
+    path = next(
+        (p for p in (weights.with_suffix(".curve.json"), weights.parent / CURVE) if p.is_file()), None
+    )
+    if path is None:
         return None
     try:
         told = json.loads(_bytes(path))

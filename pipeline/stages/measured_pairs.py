@@ -102,7 +102,7 @@ def measured(
             "method": method.name,
             "search": asdict(method.search),
             "weights": method.weights_digest(),
-            "code": _code_digest("alignment", "models" if method.learned else "baselines"),
+            "code": _code_digest("geometry", "alignment", "models" if method.learned else "baselines"),
             "data": trial.data_digest(),
             "drawn": trial.drawn(),
         }

@@ -267,3 +267,13 @@ def test_weights_that_cannot_be_used_are_told(network, data, tmp_path, name, kep
     result = CliRunner().invoke(app, [*given, "--weights", f"{name}={path}"])
     assert result.exit_code == 2
     assert said in result.stderr
+
+
+def test_the_curve_of_another_run_is_not_shown(network, data, tmp_path):
+    weights, curve = tmp_path / "vit-lie.safetensors", tmp_path / "vit-lie.curve.json"
+    weights.write_bytes(network.read_bytes())
+    told = json.loads((network.parent / "curve.json").read_text())
+    for seed, minutes in ((told["seed"], 0.5), (99, None)):
+        curve.write_text(json.dumps({**told, "seed": seed}))
+        metrics, _ = _evaluate(data, tmp_path / "r", "vit-lie", count=1, weights={"vit-lie": weights})
+        assert metrics["methods"]["vit-lie"]["training"]["minutes"] == minutes
