@@ -43,6 +43,8 @@ class MatcherEstimator:
         priors: what is known of θ before looking at the maps, in w; several are a mixture in equal parts.
         peaks: how many peaks of the coarse volume are looked at closely at most.
         negligible: peaks are left out once no more than this probability is left.
+        sharpness: exponent of the density around each peak, its mass untouched; what makes the covariance
+            agree with the errors on validation pairs.
         least_mass: an estimate is ambiguous where its peak has less probability than this.
     """
 
@@ -51,6 +53,7 @@ class MatcherEstimator:
     priors: tuple[Gaussian, ...] = ()
     peaks: int = 8
     negligible: float = 0.01
+    sharpness: float = 1.0
     least_mass: float = 0.9
 
     @property
@@ -96,7 +99,7 @@ class MatcherEstimator:
                 continue  # a shoulder, from which the look has moved on to the same peak
             scores = volume.log_p_HYX + float(self.model.carried_weight) * seen.log_p_at(mode.peak)
             log_weights.append(log_sum_exp(scores) + math.log(math.prod(volume.steps)))
-            pieces.append(volume.normalised())
+            pieces.append(replace(volume, log_p_HYX=self.sharpness * volume.log_p_HYX).normalised())
         # What no close look was taken at keeps its coarse probability.
         inside = 1.0 - math.exp(log_sum_exp(rest.log_p_HYX))
         logs = np.array(log_weights)

@@ -47,8 +47,8 @@ class LossSampling:
     candidates: int = 2
     apart_m: float = 0.6
     apart_rad: float = math.radians(9.0)
-    fine_step_m: float = 0.02
-    fine_steps: int = 14
+    fine_step_m: float = 0.015
+    fine_steps: int = 18
     fine_offsets_rad: tuple[float, ...] = tuple(
         math.radians(d) for d in (-2.4, -1.2, -0.5, 0.0, 0.5, 1.2, 2.4)
     )
@@ -171,7 +171,7 @@ def _fine_loss(
     log_width_H = edges.diff().log()
     rest = torch.logsumexp((scores[:, 1:] + log_width_H[:, None, None]).flatten(1), 1)
     true = Volume(scores_BHYX=scores[:, 0], heading_BH_rad=heading[:, 0], y_BY_m=y_m[:, 0], x_BX_m=x_m[:, 0])
-    sigmas = (math.radians(0.2), 0.5 * sampling.fine_step_m)
+    sigmas = (math.radians(0.1), 0.35 * sampling.fine_step_m)
     within = _cross_entropy(true, theta_B3, log_width_H, sigmas)
     here = torch.logsumexp((scores[:, 0] + log_width_H[:, None, None]).flatten(1), 1)
     log_mass = here - torch.logaddexp(here, rest)

@@ -50,7 +50,8 @@ def scores(
         heading_BH_rad: the headings.
         y_BHY, x_BHX: the slides of each heading along both axes [cells], any fraction of one.
         whole_range: the slides reach to both sides of zero, and room is made for the longest. Else they lie
-            close together, perhaps far away: map 0 is brought there first, which takes a smaller FFT.
+            close together, perhaps far away: map 0 is brought there first, which takes a smaller FFT. Only
+            what is within half their spread of the window's edge then wraps around.
     """
     side = a_BFYX.shape[-1]
     shift_BH2 = torch.zeros(*heading_BH_rad.shape, 2).to(heading_BH_rad)

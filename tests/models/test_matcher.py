@@ -174,6 +174,19 @@ def test_estimator_finds_theta_in_the_default_search(theta):
     assert not estimate.ambiguous
 
 
+def test_sharpness_narrows_the_covariance_alone():
+    matcher, window = wall_matcher(), window_of(THETA)
+    with torch.no_grad():
+        matcher.fine_log_scale.fill_(math.log(0.02))
+    plain, sharp = (
+        MatcherEstimator(model=matcher, sharpness=sharpness).posterior(window) for sharpness in (1.0, 2.0)
+    )
+    ratio = np.diag(sharp.best().covariance) / np.diag(plain.best().covariance)
+    # Half for a Gaussian peak; walls make one with heavier tails.
+    assert ((0.3 < ratio) & (ratio < 0.55)).all()
+    assert (sharp.masses == plain.masses).all()
+
+
 @pytest.mark.parametrize("yaw_deg", [-178.9, 120.0, 180.0])
 def test_estimator_searches_all_headings_and_four_metres(yaw_deg):
     theta = SE2(3.7, -3.2, math.radians(yaw_deg))
