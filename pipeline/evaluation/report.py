@@ -276,9 +276,9 @@ def _origin(content: ReportContent) -> list[Html]:
     return [
         Html(f'<div class="scroll"><table><tbody>{rows}</tbody></table></div>'),
         paragraph(
-            "The frame errors of all pairs lie in ",
+            "Beside this page lie the frame errors of all pairs, ",
             Html("<code>perturbations.json</code>"),
-            " beside this page's cache, the figures in ",
+            ", and all figures, ",
             Html("<code>metrics.json</code>"),
             ".",
         ),

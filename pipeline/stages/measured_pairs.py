@@ -111,9 +111,17 @@ def measured(
     if (kept := _kept(disk, name)) is not None:
         console.print(f"evaluate {method.name}: {len(kept)} pairs, as measured before", highlight=False)
         return kept
+    outcomes = _run(method, estimator, trial, workers, console)
+    disk.write(name, json_bytes({"rows": [row.to_json() for row in outcomes.rows]}))
+    return outcomes
+
+
+def _run(
+    method: Method, estimator: FrameErrorEstimator | None, trial: Trial, workers: int, console: Console
+) -> Outcomes:
     engine = Engine.LOCAL if estimator is None and workers > 1 else Engine.INLINE
-    found: dict[int, tuple[Outcome, ...]] = {}
     total = math.ceil(len(trial.indices) / _PAIRS_PER_CALL)
+    found: dict[int, tuple[Outcome, ...]] = {}
     with meter(
         f"evaluate {method.name}", total=total, console=console, parts="batches", rows="pairs"
     ) as progress:
@@ -121,9 +129,7 @@ def measured(
         for first, rows in run_calls(calls, engine=engine, workers=min(workers, total)):
             found[first] = rows
             progress.advance(len(rows), made=True)
-    outcomes = Outcomes(tuple(row for first in sorted(found) for row in found[first]))
-    disk.write(name, json_bytes({"rows": [row.to_json() for row in outcomes.rows]}))
-    return outcomes
+    return Outcomes(tuple(row for first in sorted(found) for row in found[first]))
 
 
 def _calls(method: Method, estimator: FrameErrorEstimator | None, trial: Trial) -> Iterator[Call[Numbered]]:
