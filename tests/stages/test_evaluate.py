@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 pytest.importorskip("matplotlib")
 
 from pipeline.cli import app
-from pipeline.errors import SetupError
+from pipeline.errors import SetupError, StoreError
 from pipeline.stages import measured_pairs
 from pipeline.stages.evaluate import Evaluation, evaluate
 from pipeline.stages.pack import pack
@@ -163,17 +163,12 @@ def test_what_the_user_can_fix_is_one_line_and_exit_2(data, tmp_path, monkeypatc
     assert result.stderr.count("\n") == 1
 
 
-def test_a_split_without_pairs_is_told(tmp_path):
-    explored(tmp_path)
-    run = synthetic_run(tmp_path)
-    pack(run)
-    for path in (tmp_path / "dataset").rglob("test-*.parquet"):
-        path.unlink()
-    given = ["evaluate", "--data", str(tmp_path), "--methods", "identity", "--report", str(tmp_path / "r")]
-    result = CliRunner().invoke(app, given)
-    assert result.exit_code == 2
-    assert "test-00000" in result.stderr
-    assert "cannot be read" in result.stderr
+def test_data_without_splits_is_told_before_anything_is_written(data, tmp_path):
+    settings = Evaluation(dataset=f"{data}/explore", methods=("identity",), folder=tmp_path / "r")
+    with pytest.raises(
+        StoreError, match=r"no pairs in pairs/test-\*\.parquet, found 5 files without a split"
+    ):
+        evaluate(settings)
     assert not (tmp_path / "r").exists()
 
 
