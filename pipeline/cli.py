@@ -5,20 +5,31 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Callable
-from enum import StrEnum
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from pipeline.cli_export import export_app
+from pipeline.cli_options import (
+    CORES,
+    Config,
+    Data,
+    EngineName,
+    Overrides,
+    Preset,
+    Seed,
+    Workers,
+    choice,
+    data_folder,
+    make_run,
+)
 from pipeline.errors import ConfigError, PipelineError, SetupError
 
 if TYPE_CHECKING:
     from pipeline.engine import Run
 
-Choice = TypeVar("Choice", bound=StrEnum)
-CORES = len(os.sched_getaffinity(0))
 STAGES = ("floorplans", "meshes", "explore", "render", "pack")
 
 
@@ -46,15 +57,6 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     add_completion=False,
 )
-Config = Annotated[str, typer.Option("--config", help="The pipeline as data.")]
-Preset = Annotated[str, typer.Option("--preset", help="smoke, default, large or paper.")]
-Overrides = Annotated[
-    list[str], typer.Option("--set", metavar="KEY=VALUE", help="Override a parameter; may be repeated.")
-]
-Data = Annotated[str, typer.Option("--data", help="Data folder, or a URI such as s3://bucket/data.")]
-Workers = Annotated[int, typer.Option("--workers", min=1, help="Worker processes; all cores by default.")]
-Seed = Annotated[int | None, typer.Option("--seed", min=0, help="Root seed, instead of the file's.")]
-EngineName = Annotated[str, typer.Option("--engine", help="local processes, inline (debugger), or ray.")]
 
 
 def _stage_command(stage: str, help_text: str) -> None:
@@ -70,7 +72,7 @@ def _stage_command(stage: str, help_text: str) -> None:
         seed: Seed = None,
         engine: EngineName = "local",
     ) -> None:
-        run = _run(config, preset, overrides, data, workers, seed, engine)
+        run = make_run(config, preset, overrides, data, workers, seed, engine)
         for name in STAGES if stage == "dataset" else (stage,):
             _stage_function(name)(run)
 
@@ -78,30 +80,6 @@ def _stage_command(stage: str, help_text: str) -> None:
 def _stage_function(stage: str) -> Callable[[Run], Any]:
     function: Callable[[Run], Any] = getattr(import_module(f"pipeline.stages.{stage}"), stage)
     return function
-
-
-def _data_folder(data: str) -> str:
-    """The data folder, which without a name would be the root of the file system."""
-    if not data.strip():
-        raise ConfigError(
-            f"--data is {data!r}; must name a folder or be a URI, such as data or s3://bucket/data"
-        )
-    return data
-
-
-def _run(
-    config: str, preset: str, overrides: list[str], data: str, workers: int, seed: int | None, engine: str
-) -> Run:
-    from pipeline.config import load_config
-    from pipeline.engine import Run
-    from pipeline.pool import Engine
-
-    return Run(
-        config=load_config(config, preset=preset, overrides=overrides, seed=seed),
-        data=_data_folder(data),
-        workers=workers,
-        engine=_choice(Engine, "--engine", engine),
-    )
 
 
 _stage_command("floorplans", "Read and generate floor plans; keep those that robots can explore.")
@@ -134,7 +112,7 @@ def train(
     """Train the frame-error estimator on the published pairs."""
     given = {"model": model, "minutes": minutes}
     named = [f"train.{key}={value}" for key, value in given.items() if value is not None]
-    run = _run(config, preset, [*overrides, *named], data, workers, seed, "local")
+    run = make_run(config, preset, [*overrides, *named], data, workers, seed, "local")
     # Read when torch is imported: threads that wait for each other shall sleep. On a machine that also does
     # something else, such as drawing samples, spinning makes a step up to twenty times slower.
     os.environ.setdefault("OMP_WAIT_POLICY", "passive")
@@ -189,7 +167,7 @@ def evaluate(
 
     page = evaluated(
         Evaluation(
-            dataset=f"{_data_folder(data).rstrip('/')}/dataset",
+            dataset=f"{data_folder(data).rstrip('/')}/dataset",
             split=split,
             count=count,
             methods=tuple(name.strip() for name in methods.split(",") if name.strip()),
@@ -255,117 +233,16 @@ def inspect(
     found = inspected(
         folder,
         output=out,
-        table=None if table is None else _choice(Table, "--table", table),
+        table=None if table is None else choice(Table, "--table", table),
         selection=Selection(
-            count=count, order=None if order is None else _choice(Order, "--order", order), seed=seed
+            count=count, order=None if order is None else choice(Order, "--order", order), seed=seed
         ),
     )
     print(found.summary, end="\n\n")
     print(*found.pictures, sep="\n")
 
 
-export_app = typer.Typer(help="Write plans and images as files for other programs.", no_args_is_help=True)
 app.add_typer(export_app, name="export")
-
-
-@export_app.command("plan")
-def export_plan(
-    plan_id: Annotated[str, typer.Argument(help="Name of the plan.")],
-    out: Annotated[Path, typer.Option("--out", help="Folder to write to.")] = Path("export"),
-    data: Data = "data",
-    config: Config = "stages.yaml",
-) -> None:
-    """Write a plan that `meshes` has raised: HouseExpo JSON, GLB, GLB with furniture, MJCF with robots."""
-    from pipeline.stages.export import export_plan as written
-
-    run = _run(config, "default", [], data, CORES, None, "local")
-    for path in written(run.read("meshes"), plan_id, out):
-        print(path)
-
-
-@export_app.command("floorplans")
-def export_floorplans(
-    count: Annotated[int, typer.Option("--count", min=1, help="How many.")] = 24,
-    out: Annotated[Path, typer.Option("--out", help="Folder to write to.")] = Path("floorplans"),
-) -> None:
-    """Write the floor plans that come with the project, byte for byte, or more of them."""
-    from pipeline.stages.export import export_floorplans as written
-
-    print(f"{len(written(count, out))} floor plans in {out}")
-
-
-Dataset = Annotated[str, typer.Argument(help="The dataset that `pack` wrote.")]
-TableName = Annotated[
-    str, typer.Option("--table", help="poses: training images; pairs: what robots saw when they met.")
-]
-SplitName = Annotated[str, typer.Option("--split", help="train, validation, test or all.")]
-ImagesOut = Annotated[Path, typer.Option("--out", help="Folder to write to.")]
-ImageCount = Annotated[
-    int | None, typer.Option("--count", min=1, help="At most so many images of each split; all by default.")
-]
-
-
-@export_app.command("dope")
-def export_dope(
-    out: ImagesOut,
-    folder: Dataset = "data/dataset",
-    table: TableName = "poses",
-    split: SplitName = "train",
-    count: ImageCount = None,
-) -> None:
-    """Write images and labels as DOPE reads them: X.png, X.json. Print lines for its configuration."""
-    from rich.console import Console
-
-    from pipeline.stages.dataset_images import Split, Table
-    from pipeline.stages.export_dope import export_dope as exported
-
-    made = exported(
-        folder,
-        out,
-        table=_choice(Table, "--table", table),
-        split=_choice(Split, "--split", split),
-        count=count or sys.maxsize,
-        console=Console(stderr=True),
-    )
-    print(made.summary())
-
-
-@export_app.command("bop")
-def export_bop(
-    out: ImagesOut,
-    folder: Dataset = "data/dataset",
-    table: TableName = "poses",
-    split: SplitName = "train",
-    count: ImageCount = None,
-    robot: Annotated[
-        str | None, typer.Option("--robot", help="A shipped robot or a robot file; the dataset's by default.")
-    ] = None,
-) -> None:
-    """Write images, labels and the robot's model in the BOP format."""
-    from rich.console import Console
-
-    from pipeline.stages.dataset_images import Split, Table
-    from pipeline.stages.export_bop import export_bop as exported
-
-    made = exported(
-        folder,
-        out,
-        table=_choice(Table, "--table", table),
-        split=_choice(Split, "--split", split),
-        robot=robot,
-        count=count or sys.maxsize,
-        console=Console(stderr=True),
-    )
-    print(made.summary())
-
-
-def _choice(kind: type[Choice], option: str, value: str) -> Choice:
-    """A value of an enumeration that is imported only when its command runs."""
-    try:
-        return kind(value)
-    except ValueError as error:
-        known = ", ".join(kind)
-        raise ConfigError(f"{option} is {value!r}; must be one of {known}") from error
 
 
 def main() -> None:

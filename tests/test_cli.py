@@ -17,7 +17,8 @@ from pipeline.store.verify import verify
 from tests.conftest import ROOT
 from tests.toy_stage import folder_content
 
-COMMANDS = ("floorplans", "meshes", "explore", "pack", "dataset", "verify", "inspect", "export")
+STAGES = ("floorplans", "meshes", "explore", "render", "pack", "dataset")
+COMMANDS = (*STAGES, "train", "evaluate", "verify", "inspect", "export")
 
 
 def command(*arguments: str) -> list[str]:

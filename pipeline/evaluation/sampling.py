@@ -16,7 +16,7 @@ SHARD, ROW = "__shard", "__row"
 
 
 def located_columns(reader: StageReader, columns: Sequence[str], *, under: str = "") -> pa.Table:
-    """Some columns of all shards, or of those `under` a folder, and where each row lies: its shard and row."""
+    """Some columns of all shards, or of those `under` a folder, and each row's place: its shard and row."""
     tables = []
     for shard in reader.shards(under):
         table = reader.table(shard.name, columns=list(columns))
