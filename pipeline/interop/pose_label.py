@@ -78,7 +78,6 @@ def label_of(row: Mapping[str, Any]) -> PoseLabel:
         cuboid_size_m=(x_m, y_m, z_m),
         T_c_o=row["T_c_o"],
         visible_px=visible_px,
-        # Counted in a picture of its own, where a pixel on the robot's edge can fall the other way.
-        silhouette_px=max(row["silhouette_px"], visible_px),
+        silhouette_px=row["silhouette_px"],
         box_px=None if box_px is None else tuple(box_px.tolist()),
     )

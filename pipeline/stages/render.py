@@ -54,11 +54,11 @@ def _check_same_robot(explore: StageReader, robot: RobotSpec) -> None:
     wanted = Inputs(parameters={"explore.robot": asdict(robot)}, items={}).parameters
     for shard in explore.shards():
         used = shard.inputs.parameters
-        differing = [key for key, value in wanted.items() if used.get(key, value) != value]
+        differing = [key for key, value in wanted.items() if used.get(key) != value]
         if differing:
             key = differing[0]
             raise ConfigError(
-                f"{explore.root}/{shard.name} was made with {key} {used[key]!r}, now it is {wanted[key]!r}; "
+                f"{explore.root}/{shard.name} was made with {key} {used.get(key)!r}, now it is {wanted[key]!r}; "
                 "run `rendezvous explore` with this robot first"
             )
 

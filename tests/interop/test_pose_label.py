@@ -3,6 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from pipeline.errors import PipelineError
 from pipeline.interop.pose_label import label_of
 from pipeline.schema import PAIRS, POSES
 from tests.stages.published_images import ABSENT, CAMERA, HIDDEN, pair_row, pose_row
@@ -24,8 +25,7 @@ def test_a_rows_label_projects_and_counts_as_its_columns_say(schema, made):
         assert label.box_px == (None if i == HIDDEN else (9.5, 19.5, 29.5, 22.5))
 
 
-def test_a_silhouette_counted_a_pixel_short_is_that_of_the_visible_robot():
-    row = pose_row(0, visible_px=713, silhouette_px=712, visibility=713 / 712)
-    (row,) = POSES.rows(POSES.table([row]))
-    label = label_of(row)
-    assert (label.visible_px, label.silhouette_px, label.visibility) == (713, 713, 1.0)
+def test_a_row_that_contradicts_itself_is_told():
+    (row,) = POSES.rows(POSES.table([pose_row(0, visible_px=713, silhouette_px=712, visibility=713 / 712)]))
+    with pytest.raises(PipelineError, match="713 visible of 712 pixels"):
+        label_of(row)
