@@ -58,8 +58,8 @@ def _check_same_robot(explore: StageReader, robot: RobotSpec) -> None:
         if differing:
             key = differing[0]
             raise ConfigError(
-                f"{explore.root}/{shard.name} was made with {key} {used.get(key)!r}, now it is {wanted[key]!r}; "
-                "run `rendezvous explore` with this robot first"
+                f"{explore.root}/{shard.name} was made with {key} {used.get(key)!r}, "
+                f"now it is {wanted[key]!r}; run `rendezvous explore` with this robot first"
             )
 
 
