@@ -8,12 +8,13 @@ it. Cell (row, col) of a window of N x N cells has its centre at `((col + 0.5 - 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import reduce
 
 import numba as nb
 import numpy as np
 
+from pipeline.alignment.sight import seen_from
 from pipeline.geometry.occupancy_grid import FREE, OCCUPIED, Cells, OccupancyGrid
 from pipeline.geometry.se2 import SE2, Array
 
@@ -32,24 +33,41 @@ class MapWindow:
         cells: (2, N, N) uint8 of UNKNOWN_CELL, FREE_CELL, OCCUPIED_CELL; channel 0 is map 0, channel 1 map 1
             as the estimate places it; row grows with +y, col with +x of w.
         cell_m: side of a cell [m].
+        sight: (2, N, N) uint8 of `alignment.sight`'s cells: in each map the robot that stood there when one
+            saw the other, and what lies open before it. Robot 1 stands in the middle. None if the maps are
+            not of a sighting, or it is not to be used.
     """
 
     cells: Cells
     cell_m: float
+    sight: Cells | None = None
 
     def __post_init__(self) -> None:
         size = self.cells.shape[-1]
         assert self.cells.shape == (2, size, size), self.cells.shape
         assert self.cells.dtype == np.uint8, self.cells.dtype
+        assert self.sight is None or self.sight.shape == self.cells.shape, self.sight.shape
         assert self.cell_m > 0.0, self.cell_m
 
     def pooled(self, factor: int) -> MapWindow:
         """The same window in cells that many times coarser; occupied wins, then free, then unknown."""
         size = self.cells.shape[1]
         assert size % factor == 0, f"{size} cells cannot be pooled by {factor}"
-        strips = reduce(np.maximum, (self.cells[:, row::factor] for row in range(factor)))
-        pooled = reduce(np.maximum, (strips[:, :, col::factor] for col in range(factor)))
-        return MapWindow(cells=pooled, cell_m=factor * self.cell_m)
+        return MapWindow(
+            cells=_pooled(self.cells, factor),
+            cell_m=factor * self.cell_m,
+            sight=None if self.sight is None else _pooled(self.sight, factor),
+        )
+
+    def of_maps_alone(self) -> MapWindow:
+        """The same window without where the robots stood."""
+        return replace(self, sight=None)
+
+
+def _pooled(cells: Cells, factor: int) -> Cells:
+    """The largest value in each block."""
+    strips = reduce(np.maximum, (cells[:, row::factor] for row in range(factor)))
+    return reduce(np.maximum, (strips[:, :, col::factor] for col in range(factor)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -75,6 +93,7 @@ def map_window(
     T_m0_m1: SE2,
     T_m0_w: SE2,
     *,
+    T_m0_r0: SE2 | None = None,
     cells: int = WINDOW_CELLS,
     cell_m: float = WINDOW_CELL_M,
 ) -> MapWindow:
@@ -86,7 +105,9 @@ def map_window(
     Args:
         grid_0, grid_1: the maps, of any size and resolution.
         T_m0_m1: where to put map 1.
-        T_m0_w: the window's centre and axes.
+        T_m0_w: the window's centre and axes; where there is a sighting, the centre is where T_m0_m1 puts the
+            robot that was seen.
+        T_m0_r0: where robot 0 stood when it saw robot 1; None: the window tells nothing of a sighting.
         cells: cells along a side, N.
         cell_m: side of a cell [m].
     """
@@ -97,7 +118,15 @@ def map_window(
     ):
         T_g_w = (grid.T_m_g.inverse() @ T_m_w).as_array()
         _draw_in_place(channel, np.ascontiguousarray(grid.cells), T_g_w, cell_m, grid.resolution_m)
-    return MapWindow(cells=channels, cell_m=cell_m)
+    if T_m0_r0 is None:
+        return MapWindow(cells=channels, cell_m=cell_m)
+    T_w_r0 = T_m0_w.inverse() @ T_m0_r0
+    robots_m = (T_w_r0.x_m, T_w_r0.y_m), (0.0, 0.0)
+    sight = [
+        seen_from(channel == OCCUPIED_CELL, robot_m, cell_m=cell_m)
+        for channel, robot_m in zip(channels, robots_m, strict=True)
+    ]
+    return MapWindow(cells=channels, cell_m=cell_m, sight=np.stack(sight))
 
 
 @nb.njit(cache=True)

@@ -35,6 +35,7 @@ COLOURS: dict[str, Colour] = {
     "hough-global": (240, 190, 102),
     "orb": (74, 145, 74),
     "correlative": RED,
+    "matcher-maps": (140, 178, 226),
     "matcher": BLUE,
     "cnn": (126, 196, 193),
     "cnn-lie": (66, 160, 158),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-OWN_METHODS = ("identity", "hough", "hough-global", "orb", "correlative", "matcher")
+OWN_METHODS = ("identity", "hough", "hough-global", "orb", "correlative", "matcher-maps", "matcher")
 """What is measured beside the paper's rows, in the order of tables."""
 
 TITLES = {
@@ -13,6 +13,7 @@ TITLES = {
     "hough-global": "Hough, global",
     "orb": "ORB + RANSAC",
     "correlative": "Correlative search",
+    "matcher-maps": "Learned matcher, maps alone",
     "matcher": "Learned matcher",
 }
 
@@ -62,9 +63,14 @@ ABLATION: tuple[PaperRow, ...] = (
 HOUGH = PaperRow(name="hough", vit=None, reg=None, lie=None, x_m=1.096, y_m=1.175, yaw_rad=0.261)
 
 PAPER = {row.name: row for row in (*ABLATION, HOUGH)}
-LEARNED = ("matcher", *(row.name for row in ABLATION))
+LEARNED = ("matcher-maps", "matcher", *(row.name for row in ABLATION))
 METHODS = (*OWN_METHODS, *(row.name for row in ABLATION))
 """All that can be measured."""
+
+
+def model_of(name: str) -> str:
+    """The model whose weights a learned method needs."""
+    return "matcher" if name == "matcher-maps" else name
 
 
 def title(name: str) -> str:

@@ -5,6 +5,9 @@ gives a score at any θ, as finely as one asks. Softmax over the volumes is the 
 
 Features are not equivariant by construction: windows are turned at random in training, which teaches it.
 
+Where the maps are of a sighting, each map's features know where its own robot stood and what lies open before
+it: the right θ puts each robot where the other one can see it.
+
 Legend: B pair, M map (0, then 1 as the estimate places it), N cells of the window, C channel, F feature,
 H heading, Y X rows and columns (of a grid, or of a volume of translations).
 """
@@ -20,6 +23,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from pipeline.alignment.sight import OPEN_CELL, ROBOT_CELL
 from pipeline.alignment.window import OCCUPIED_CELL, UNKNOWN_CELL
 from pipeline.errors import ConfigError
 from pipeline.models import se2_correlation
@@ -50,7 +54,7 @@ class MatcherConfig:
     coarse_features: int = 8
     fine_channels: int = 16
     fine_features: int = 4
-    reach_cells: int = 4
+    reach_cells: int = 8
     heading_step_rad: float = math.radians(3.0)
 
     def __post_init__(self) -> None:
@@ -108,7 +112,7 @@ class Encoder(nn.Module):
         super().__init__()
         self.config = config
         C, C_fine = config.channels, config.fine_channels
-        self.stem = nn.Conv2d(2 * config.coarse_factor**2, C, 3, padding=1)
+        self.stem = nn.Conv2d(2 * config.coarse_factor**2 + 2, C, 3, padding=1)
         blocks = [nn.Conv2d(C, C, 3, padding=d, dilation=d) for d in config.dilations]
         self.blocks = nn.ModuleList(blocks)
         self.coarse_head = nn.Conv2d(C, config.coarse_features, 1)
@@ -121,33 +125,44 @@ class Encoder(nn.Module):
                 # There is no normalisation: the sum of the blocks must not outgrow the stem at the start.
                 block.weight.mul_(0.5)
 
-    def forward(self, cells_BNN: Tensor) -> tuple[Tensor, Tensor]:
+    def forward(self, cells_BNN: Tensor, sight_BNN: Tensor) -> tuple[Tensor, Tensor]:
         """Coarse and fine features, (B, F, Y, X) each, of uint8 cells as a `MapWindow` codes them."""
-        known = cells_BNN != UNKNOWN_CELL
-        grid_BCNN = torch.stack([cells_BNN == OCCUPIED_CELL, known], 1).float()
-        near = self._near_known(known[:, None].float())
-        x = self.stem(self._folded(grid_BCNN, self.config.coarse_factor))
+        config = self.config
+        ratio = config.coarse_factor // config.fine_factor
+        blocks_BYXc = self._blocks(cells_BNN, config.coarse_factor)
+        near = self._near_known((blocks_BYXc != UNKNOWN_CELL).any(-1)[:, None].float())
+        sight_BYXc = self._blocks(sight_BNN, config.coarse_factor)
+        sight = [(sight_BYXc == value).float().mean(-1, keepdim=True) for value in (OPEN_CELL, ROBOT_CELL)]
+        x = self.stem(torch.cat([self._shown(blocks_BYXc), *sight], -1).permute(0, 3, 1, 2))
         for block in self.blocks:
             x = x + block(functional.relu(x))
         x = functional.relu(x)
         coarse = self.coarse_head(x).float() * near
-        ratio = self.config.coarse_factor // self.config.fine_factor
         context = functional.interpolate(self.context(x), scale_factor=float(ratio))
-        y = functional.relu(self.fine_stem(self._folded(grid_BCNN, self.config.fine_factor)) + context)
+        cells_BCYX = self._shown(self._blocks(cells_BNN, config.fine_factor)).permute(0, 3, 1, 2)
+        y = functional.relu(self.fine_stem(cells_BCYX) + context)
         y = functional.relu(y + self.fine_block(y))
         fine = self.fine_head(y).float() * functional.interpolate(near, scale_factor=float(ratio))
         return coarse.contiguous(), fine.contiguous()
 
     @staticmethod
-    def _folded(grid_BCNN: Tensor, factor: int) -> Tensor:
-        """Each block of cells as channels of one cell: coarser, and nothing is lost by pooling."""
-        return functional.pixel_unshuffle(grid_BCNN, factor).contiguous(memory_format=torch.channels_last)
+    def _blocks(cells_BNN: Tensor, factor: int) -> Tensor:
+        """(B, Y, X, factor²): each block of cells as channels of one cell: nothing is lost by pooling."""
+        B, N = cells_BNN.shape[:2]
+        size = N // factor
+        return cells_BNN.view(B, size, factor, size, factor).transpose(2, 3).reshape(B, size, size, -1)
 
-    def _near_known(self, known_B1NN: Tensor) -> Tensor:
+    @staticmethod
+    def _shown(cells_BYXc: Tensor) -> Tensor:
+        """(B, Y, X, 2c): what is occupied, then what is known."""
+        return torch.cat([cells_BYXc == OCCUPIED_CELL, cells_BYXc != UNKNOWN_CELL], -1).float()
+
+    def _near_known(self, known_B1YX: Tensor) -> Tensor:
         """1 for coarse cells within reach of a known one: features must not see the window's edge."""
         reach = self.config.reach_cells
-        pooled = functional.max_pool2d(known_B1NN, self.config.coarse_factor)
-        return functional.max_pool2d(pooled, 2 * reach + 1, stride=1, padding=reach)
+        size = 2 * reach + 1
+        rows = functional.max_pool2d(known_B1YX, (size, 1), stride=1, padding=(reach, 0))
+        return functional.max_pool2d(rows, (1, size), stride=1, padding=(0, reach))
 
 
 class Matcher(nn.Module):
@@ -162,9 +177,14 @@ class Matcher(nn.Module):
         self.fine_log_scale = nn.Parameter(torch.tensor(math.log(0.01)))
         self.carried_weight = nn.Parameter(torch.tensor(1.0))
 
-    def features(self, cells_BMNN: Tensor) -> Features:
-        """Features of both maps of each window, (B, 2, N, N) uint8."""
-        coarse, fine = self.encoder(cells_BMNN.flatten(0, 1))
+    def features(self, cells_BMNN: Tensor, sight_BMNN: Tensor | None = None) -> Features:
+        """Features of both maps of each window.
+
+        Args:
+            cells_BMNN, sight_BMNN: (B, 2, N, N) uint8, as a `MapWindow` codes them.
+        """
+        sight_BMNN = torch.zeros_like(cells_BMNN) if sight_BMNN is None else sight_BMNN
+        coarse, fine = self.encoder(cells_BMNN.flatten(0, 1), sight_BMNN.flatten(0, 1))
         B = len(cells_BMNN)
         return Features(coarse_BMFYX=coarse.unflatten(0, (B, 2)), fine_BMFYX=fine.unflatten(0, (B, 2)))
 
@@ -190,6 +210,6 @@ class Matcher(nn.Module):
         """Cross-entropy of the coarse and the fine volume.
 
         Args:
-            batch: `cells` (B, 2, N, N) uint8 and `theta` (B, 3) x [m], y [m], yaw [rad].
+            batch: `cells` and `sight` (B, 2, N, N) uint8 and `theta` (B, 3) x [m], y [m], yaw [rad].
         """
-        return matcher_loss(self, batch["cells"], batch["theta"], LossSampling())
+        return matcher_loss(self, batch["cells"], batch["theta"], LossSampling(), sight_BMNN=batch["sight"])

@@ -15,6 +15,7 @@ from torch import Tensor
 from pipeline.alignment.estimate import Estimate
 from pipeline.alignment.window import MapWindow, SearchRange
 from pipeline.errors import ConfigError
+from pipeline.geometry.occupancy_grid import Cells
 from pipeline.geometry.se2 import SE2, Array
 from pipeline.models.matcher import Features, Matcher
 from pipeline.models.posterior import WHOLE, Gaussian, Mode, Posterior, log_prior, log_sum_exp
@@ -45,6 +46,7 @@ class MatcherEstimator:
         negligible: peaks are left out once no more than this probability is left.
         sharpness: exponent of the density around each peak, its mass untouched; what makes the covariance
             agree with the errors on validation pairs.
+        uses_sight: whether it looks at where the robots stood, where a window tells.
         least_mass: an estimate is ambiguous where its peak has less probability than this.
     """
 
@@ -55,11 +57,12 @@ class MatcherEstimator:
     negligible: float = 0.01
     sharpness: float = 1.0
     least_mass: float = 0.9
+    uses_sight: bool = True
 
     @property
     def name(self) -> str:
         """What tables call it."""
-        return "matcher"
+        return "matcher" if self.uses_sight else "matcher-maps"
 
     def __call__(self, window: MapWindow) -> Estimate:
         """The frame error that the window shows; none where one of the maps shows nothing."""
@@ -85,8 +88,9 @@ class MatcherEstimator:
             raise ConfigError(
                 f"matcher: cells of {window.cell_m} m; this one takes cells of {config.cell_m} m"
             )
-        cells = torch.from_numpy(window.cells)[None].to(self.model.carried_weight.device)
-        features = self.model.features(cells)
+        sight = window.sight if self.uses_sight else None
+        sight = np.zeros_like(window.cells) if sight is None else sight
+        features = self.model.features(*(self._cells(layer) for layer in (window.cells, sight)))
         seen = self._coarse(features)
         priors = (p.through_cells(config.coarse_cell_m, config.heading_step_rad) for p in self.priors)
         coarse = seen.times_prior(*priors) if self.priors else seen
@@ -154,6 +158,9 @@ class MatcherEstimator:
         if not self.priors:
             return volume
         return replace(volume, log_p_HYX=volume.log_p_HYX + log_prior(self.priors, headings, ys_m, xs_m))
+
+    def _cells(self, cells: Cells) -> Tensor:
+        return torch.from_numpy(cells)[None].to(self.model.carried_weight.device)
 
     def _tensor(self, values: Array) -> Tensor:
         """Values of the one pair, where the model's weights are."""

@@ -4,7 +4,8 @@ Neither volume is evaluated everywhere. Headings are dense around the truth and 
 by the width it stands for, so that the sum over them still estimates the sum over all. They go round the
 whole circle: one matcher serves every search.
 
-Legend: B pair, H heading, K candidate (the truth first), Y X rows and columns of a volume of translations.
+Legend: B pair, L layer (cells, then sight), H heading, K candidate (the truth first), Y X rows and columns of
+a volume of translations.
 """
 
 from __future__ import annotations
@@ -67,9 +68,20 @@ class Volume:
 
 
 def matcher_loss(
-    model: Matcher, cells_BMNN: Tensor, theta_B3: Tensor, sampling: LossSampling
+    model: Matcher,
+    cells_BMNN: Tensor,
+    theta_B3: Tensor,
+    sampling: LossSampling,
+    *,
+    sight_BMNN: Tensor | None = None,
 ) -> tuple[Tensor, dict[str, float]]:
     """The loss, and its parts.
+
+    Args:
+        model: what is trained.
+        cells_BMNN, sight_BMNN: as `Matcher.features` takes them.
+        theta_B3: true frame errors: x [m], y [m], yaw [rad].
+        sampling: where to look.
 
     Raises:
         ConfigError: a θ lies outside the volume that is scored.
@@ -80,8 +92,10 @@ def matcher_loss(
         )
     # Drawn from the batch itself, so that a run that is resumed goes on as it would have.
     draw = torch.Generator().manual_seed(int(theta_B3.detach().cpu().view(torch.int32).sum()))
-    cells_BMNN, theta_B3 = _quarter_turned(cells_BMNN, theta_B3, sampling.turned_share, draw)
-    features = model.features(cells_BMNN)
+    sight_BMNN = torch.zeros_like(cells_BMNN) if sight_BMNN is None else sight_BMNN
+    layers_BLMNN = torch.stack([cells_BMNN, sight_BMNN], 1)
+    layers_BLMNN, theta_B3 = _quarter_turned(layers_BLMNN, theta_B3, sampling.turned_share, draw)
+    features = model.features(layers_BLMNN[:, 0], layers_BLMNN[:, 1])
     with torch.autocast(theta_B3.device.type, enabled=False):
         coarse, log_width_H = _coarse_volume(model, features, theta_B3, sampling, draw)
         sigmas = (0.6 * model.config.heading_step_rad, 0.6 * model.config.coarse_cell_m)
@@ -94,17 +108,19 @@ def matcher_loss(
 
 
 def _quarter_turned(
-    cells_BMNN: Tensor, theta_B3: Tensor, share: float, draw: torch.Generator
+    layers_BLMNN: Tensor, theta_B3: Tensor, share: float, draw: torch.Generator
 ) -> tuple[Tensor, Tensor]:
     """Map 1 of some pairs turned about the window's centre, which loses no cell, and what θ then is."""
     B = len(theta_B3)
     quarters_B = torch.randint(1, 4, (B,), generator=draw) * (torch.rand(B, generator=draw) < share)
     # Rows grow with y, so this way round is the positive one.
-    turned = [torch.rot90(cells[1], -int(k)) for cells, k in zip(cells_BMNN, quarters_B, strict=True)]
+    turned = [
+        torch.rot90(layers[:, 1], -int(k), (1, 2)) for layers, k in zip(layers_BLMNN, quarters_B, strict=True)
+    ]
     angle_B = (quarters_B * (math.pi / 2.0)).to(theta_B3)
     c, s, (x, y, yaw) = angle_B.cos(), angle_B.sin(), theta_B3.unbind(1)
     theta = torch.stack([c * x - s * y, s * x + c * y, yaw + angle_B], 1)
-    return torch.stack([cells_BMNN[:, 0], torch.stack(turned)], 1), theta
+    return torch.stack([layers_BLMNN[:, :, 0], torch.stack(turned)], 2), theta
 
 
 def _coarse_volume(

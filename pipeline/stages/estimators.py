@@ -20,7 +20,7 @@ from pipeline.baselines.identity import Identity
 from pipeline.baselines.orb import OrbRansac
 from pipeline.errors import ConfigError, SetupError, StoreError
 from pipeline.evaluation.measured_row import Training
-from pipeline.evaluation.table_one import LEARNED, METHODS
+from pipeline.evaluation.table_one import LEARNED, METHODS, model_of
 from pipeline.evaluation.training_curve import TrainingCurve
 from pipeline.store.disk import Disk
 
@@ -82,12 +82,12 @@ def chosen_methods(
     search = SearchRange.covering(xy_m=xy_range_m, yaw_rad=yaw_range_rad)
     out = []
     for name in METHODS:
-        path = weights.get(name) or _found_weights(name)
+        path = weights.get(name) or weights.get(model_of(name)) or _found_weights(name)
         if name in names and name in LEARNED and path is None:
             places = " or ".join(str(place) for place in _weight_places(name))
             raise ConfigError(
-                f"{name}: no weights in {places}; `rendezvous train --model {name}` makes them, "
-                f"--weights {name}=PATH names others"
+                f"{name}: no weights in {places}; `rendezvous train --model {model_of(name)}` makes "
+                f"them, --weights {name}=PATH names others"
             )
         runs_unasked = path is not None or name not in LEARNED
         if name in names or (not names and runs_unasked):
@@ -185,7 +185,8 @@ def _found_weights(name: str) -> Path | None:
 def _weight_places(name: str) -> tuple[Path, ...]:
     if name not in LEARNED:
         return ()
-    return RUNS / name / "weights.safetensors", SHIPPED_WEIGHTS / f"{name}.safetensors"
+    model = model_of(name)
+    return RUNS / model / "weights.safetensors", SHIPPED_WEIGHTS / f"{model}.safetensors"
 
 
 def _bytes(path: Path) -> bytes:

@@ -20,11 +20,14 @@ from pipeline.store.records import digest_of
 from pipeline.training.checkpoint import read_checkpoint, restore_in_place
 from pipeline.training.data import TrainingBatches, training_loader, validation_batches
 from pipeline.training.loop import TrainingState, fit
+from pipeline.training.model import FrameErrorModel
 from pipeline.training.pairs import PairTable, pairs_per_split, read_pairs
 from pipeline.training.parameters import Budget
 from pipeline.training.processes import Processes
 from pipeline.training.registry import build_model
 
+_DIGITS = 12
+"""Of digests that are told and kept."""
 _MAY_CHANGE = (
     "minutes",
     "samples",
@@ -53,10 +56,10 @@ def train(run: Run, *, out: Path | None = None, resume: bool = False) -> Path:
     section, reader = run.config.train, run.read("pack")
     folder = out or Path(run.config.stages["train"].writes) / section.model
     pairs = {split: read_pairs(reader, split) for split in ("train", "validation")}
-    about = _about(run, pairs)
     with joined_processes() as processes:
         torch.set_num_threads(max(1, run.workers // processes.on_this_machine))
         model = build_model(section.model, section.settings, section.sampling, seed=run.config.seed)
+        about = _about(run, model, pairs)
         state = TrainingState.fresh(model.to(processes.device), section.optimisation)
         _begin(state, Disk(str(folder)), about, resume=resume)
         if processes.first:
@@ -114,12 +117,12 @@ def _fit(
         recorder.finish(state)
 
 
-def _about(run: Run, pairs: Mapping[str, PairTable]) -> dict[str, Any]:
+def _about(run: Run, model: FrameErrorModel, pairs: Mapping[str, PairTable]) -> dict[str, Any]:
     """What is trained on what: the part of a checkpoint that does not change."""
     section = run.config.train
     return {
         "model": section.model,
-        "settings": dict(section.settings),
+        "network": model.config(),
         "sampling": asdict(section.sampling),
         "parameters": section.parameters(exclude=_MAY_CHANGE),
         "seed": run.config.seed,
@@ -127,7 +130,8 @@ def _about(run: Run, pairs: Mapping[str, PairTable]) -> dict[str, Any]:
             "folder": run.folder("pack"),
             "digest": digest_of({split: table.digest() for split, table in pairs.items()}),
             "pairs": {split: len(table) for split, table in pairs.items()},
-            "plans": {split: table.plans() for split, table in pairs.items()},
+            "plans": {split: len(table.plan_digests()) for split, table in pairs.items()},
+            "plan_digests": [digest[:_DIGITS] for digest in pairs["train"].plan_digests()],
             "seeds": sorted({seed for table in pairs.values() for seed in table.seeds()}),
         },
         "torch": torch.__version__,
@@ -154,9 +158,16 @@ def _begin(state: TrainingState, disk: Disk, about: Mapping[str, Any], *, resume
 
 
 def _check_same(record: Mapping[str, Any], about: Mapping[str, Any], where: str) -> None:
-    begun = {**record["parameters"], "seed": record["seed"], "data": record["data"]["digest"][:12]}
-    now = {**about["parameters"], "seed": about["seed"], "data": about["data"]["digest"][:12]}
-    for key in sorted({*begun, *now}):
+    begun, now = (
+        {
+            **told["parameters"],
+            **{f"network.{key}": value for key, value in told["network"].items()},
+            "seed": told["seed"],
+            "data": told["data"]["digest"][:_DIGITS],
+        }
+        for told in (record, about)
+    )
+    for key in {**begun, **now}:
         if begun.get(key) != now.get(key):
             raise ConfigError(
                 f"{where}: begun with {key} {begun.get(key)}, now it is {now.get(key)}; set it as it was, or "
@@ -194,7 +205,7 @@ def _tell(
     run.say(
         f"train {section.model}: pairs of {run.folder('pack')}: "
         + ", ".join(f"{count} {split}" for split, count in counts.items())
-        + f"; {pairs['train'].plans()} plans to train on, made with seed {seeds}"
+        + f"; {len(pairs['train'].plan_digests())} plans to train on, made with seed {seeds}"
     )
     if state.step:
         run.say(f"train {section.model}: goes on from {state.samples} samples, {state.elapsed_s:.0f} s")

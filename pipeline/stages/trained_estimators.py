@@ -6,12 +6,14 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
 import torch
 from pydantic import TypeAdapter, ValidationError
 
 from pipeline.alignment.estimate import Estimate, FrameErrorEstimator
 from pipeline.alignment.window import MapWindow, SearchRange
 from pipeline.errors import ConfigError
+from pipeline.evaluation.table_one import model_of
 from pipeline.geometry.se2 import SE2, Array
 from pipeline.models.attention import attention_rollout
 from pipeline.models.frame_error import FrameErrorViT, input_grid
@@ -20,7 +22,7 @@ from pipeline.models.refined_posterior import RefinedPosterior
 from pipeline.training.checkpoint import fit_weights_in_place, read_checkpoint
 from pipeline.training.model import FrameErrorModel
 from pipeline.training.parameters import Sampling
-from pipeline.training.registry import MatcherModel, PaperModel, build_model
+from pipeline.training.registry import MatcherModel, PaperModel, rebuilt_model
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -49,7 +51,9 @@ class NetworkEstimator:
     def __call__(self, window: MapWindow) -> Estimate:
         """The frame error that the network sees."""
         device = next(self.model.parameters()).device
-        theta = self.model.theta(torch.from_numpy(window.cells)[None].to(device))[0]
+        sight = np.zeros_like(window.cells) if window.sight is None else window.sight
+        layers = (torch.from_numpy(layer)[None].to(device) for layer in (window.cells, sight))
+        theta = self.model.theta(*layers)[0]
         return Estimate(theta=SE2.from_array(theta.double().cpu().tolist()).wrapped())
 
 
@@ -72,7 +76,7 @@ def load(data: bytes, name: str, search: SearchRange, *, where: str, threads: in
 
     Args:
         data: as `train` writes them.
-        name: the model that they should be of.
+        name: of the method; the weights should be of its model.
         search: where to look, for a model that searches.
         where: for messages.
         threads: of the processor that the network may use.
@@ -83,8 +87,9 @@ def load(data: bytes, name: str, search: SearchRange, *, where: str, threads: in
     """
     found = read_checkpoint(data, where=where)
     record = found.record
-    if record.get("model") != name:
-        raise ConfigError(f"{where}: weights of {record.get('model')!r}; must be those of {name!r}")
+    kind = model_of(name)
+    if record.get("model") != kind:
+        raise ConfigError(f"{where}: weights of {record.get('model')!r}; must be those of {kind!r}")
     torch.set_num_threads(threads)
     try:
         sampling = TypeAdapter(Sampling).validate_python(record["sampling"])
@@ -92,11 +97,11 @@ def load(data: bytes, name: str, search: SearchRange, *, where: str, threads: in
         told = error.errors()[0]
         place = ".".join(str(key) for key in told["loc"])
         raise ConfigError(f"{where}: sampling.{place}: {told['msg']}; train anew") from error
-    model = build_model(name, record["settings"], sampling, seed=0)
+    model = rebuilt_model(kind, record["network"], sampling)
     fit_weights_in_place(model, found.under("average.") or found.tensors, where=where)
     model = model.to("cuda" if torch.cuda.is_available() else "cpu").eval()
     if isinstance(model, MatcherModel):
-        estimator = RememberingMatcher(model=model.network, search=search)
+        estimator = RememberingMatcher(model=model.network, search=search, uses_sight=name != "matcher-maps")
         return Trained(estimator=estimator, record=record, attention=None)
     assert isinstance(model, PaperModel)
     network = model.network

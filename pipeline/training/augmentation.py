@@ -74,19 +74,22 @@ def augmented(pair: MapPair, settings: Augmentation, rng: np.random.Generator) -
     if rng.random() < settings.furniture:
         things = draw_things(pair, count=int(rng.integers(1, settings.furniture_things + 1)), rng=rng)
         grids = [with_things(grid, things.seen_by(i), T_m_m0[i]) for i, grid in enumerate(grids)]
-    grids = [_with_defects(grid, settings, rng) for grid in grids]
+    meeting = (pair.T_m0_r1, pair.T_m1_r1)
+    grids = [_with_defects(grid, T_m_r1, settings, rng) for grid, T_m_r1 in zip(grids, meeting, strict=True)]
     if rng.random() < settings.cut:
         grids = _cut(pair, grids, settings, rng)
     return replace(pair, grid_0=grids[0], grid_1=grids[1])
 
 
-def _with_defects(grid: OccupancyGrid, settings: Augmentation, rng: np.random.Generator) -> OccupancyGrid:
+def _with_defects(
+    grid: OccupancyGrid, T_m_r1: SE2, settings: Augmentation, rng: np.random.Generator
+) -> OccupancyGrid:
     """One map with defects of its own, in the order in which a robot would bring them about."""
     bend_m = settings.bend_m if rng.random() < settings.bend else 0.0
     coarser = rng.random() < settings.resolution
     cell_m = float(rng.uniform(*settings.resolution_m)) if coarser else grid.resolution_m
     if bend_m or coarser:
-        grid = bent(grid, amplitude_m=bend_m, resolution_m=cell_m, rng=rng)
+        grid = bent(grid, T_m_r1, amplitude_m=bend_m, resolution_m=cell_m, rng=rng)
     if rng.random() < settings.rescan:
         grid = rescanned(grid, rng)
     if rng.random() < settings.spurious:

@@ -19,7 +19,7 @@ from pipeline.errors import ConfigError, StoreError
 from pipeline.training.loop import TrainingState
 from pipeline.training.validation import CurvePoint
 
-_FORMAT = 1
+_FORMAT = 2
 _RECORD = "rendezvous"
 _PROGRESS = ("step", "samples", "elapsed_s", "loss_sum", "loss_steps")
 

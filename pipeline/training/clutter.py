@@ -15,6 +15,7 @@ from pipeline.training.pairs import MapPair
 _IN_BOTH = 0.7
 """Share of things that stand in both maps: the others were moved between the two visits."""
 
+_ROBOT_RADIUS_M = 0.15
 _SUBPIXEL_BITS = 4
 
 
@@ -37,19 +38,34 @@ class Things:
 
 
 def draw_things(pair: MapPair, *, count: int, rng: np.random.Generator) -> Things:
-    """Things at free cells of either map, uniform; a third each boxes, round ones, tables."""
+    """At most `count` things at free cells of either map, uniform; a third each boxes, round ones, tables.
+
+    None stands on a robot or between the two: they see each other.
+    """
     places_m0 = [
         T_m0_m @ p_m
         for grid, T_m0_m in ((pair.grid_0, SE2.identity()), (pair.grid_1, pair.T_m0_m1))
         for p_m in _free_places(grid, count, rng)
     ]
-    things = (
-        [_thing(places_m0[int(i)], rng) for i in rng.integers(0, len(places_m0), count)] if places_m0 else []
-    )
+    which = rng.integers(0, len(places_m0), count) if places_m0 else ()
+    things = [thing for i in which if not _in_the_way(thing := _thing(places_m0[int(i)], rng), pair)]
     shown = np.ones((len(things), 2), np.bool_)
     moved = np.flatnonzero(rng.random(len(things)) >= _IN_BOTH)
     shown[moved, rng.integers(0, 2, len(moved))] = False
     return Things(things=tuple(things), shown=shown)
+
+
+def _in_the_way(thing: Thing, pair: MapPair) -> bool:
+    """Whether a thing is nearer to the line of sight than a robot is wide."""
+    seen_m = np.array([pair.T_m0_r1.x_m, pair.T_m0_r1.y_m])
+    T_m0_r0 = pair.T_m0_r0 or pair.T_m0_r1
+    along_m = seen_m - (T_m0_r0.x_m, T_m0_r0.y_m)
+    outline_m = np.concatenate(thing.outlines_m)
+    centre_m = outline_m.mean(axis=0)
+    radius_m = float(np.hypot(*(outline_m - centre_m).T).max())
+    share = np.clip((seen_m - centre_m) @ along_m / max(float(along_m @ along_m), 1e-9), 0.0, 1.0)
+    away_m = float(np.hypot(*(seen_m - share * along_m - centre_m)))
+    return away_m < radius_m + _ROBOT_RADIUS_M
 
 
 def _free_places(grid: OccupancyGrid, count: int, rng: np.random.Generator) -> Array:

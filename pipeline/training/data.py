@@ -9,6 +9,7 @@ Legend: B sample, 2 map (0, then 1 as the wrong transform places it), N cells al
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import TypedDict
 
 import cv2
@@ -38,10 +39,12 @@ class Batch(TypedDict):
 
     Attributes:
         cells: (B, 2, N, N) uint8 of `alignment.window`'s cells.
+        sight: (B, 2, N, N) uint8 of `alignment.sight`'s cells; all hidden where no sighting is told.
         theta: (B, 3) float32 frame error in the window frame: x [m], y [m], yaw [rad].
     """
 
     cells: Tensor
+    sight: Tensor
     theta: Tensor
 
 
@@ -77,12 +80,15 @@ class TrainingBatches(Dataset[Batch]):
         pair = self.pairs[int(self._order(epoch)[place])]
         rng, sampling = stream(self.seed, "train", number), self.sampling
         perturbation = draw_perturbation(sampling.perturbation, rng)
-        return perturbed_pair(
+        sample = perturbed_pair(
             augmented(pair, sampling.augmentation, rng),
             perturbation,
             cells=sampling.window_cells,
             cell_m=sampling.window_cell_m,
         )
+        if rng.random() < sampling.sight_withheld:
+            sample = replace(sample, window=sample.window.of_maps_alone())
+        return sample
 
     def _order(self, epoch: int) -> NDArray[np.int64]:
         if self._permutation is None or self._permutation[0] != epoch:
@@ -139,6 +145,15 @@ def validation_batches(
     return [_batch(samples[i : i + batch_size]) for i in range(0, count, batch_size)]
 
 
+def moved(batch: Batch, device: torch.device) -> Batch:
+    """The batch on a device."""
+    return Batch(
+        cells=batch["cells"].to(device, non_blocking=True),
+        sight=batch["sight"].to(device, non_blocking=True),
+        theta=batch["theta"].to(device, non_blocking=True),
+    )
+
+
 class _StepsFrom(Sampler[int]):
     def __init__(self, first_step: int) -> None:
         self._first_step = first_step
@@ -151,9 +166,15 @@ class _StepsFrom(Sampler[int]):
 
 
 def _batch(samples: list[PerturbedPair]) -> Batch:
-    cells: Cells = np.stack([sample.window.cells for sample in samples])
+    windows = [sample.window for sample in samples]
+    cells: Cells = np.stack([window.cells for window in windows])
+    sight = [np.zeros_like(w.cells) if w.sight is None else w.sight for w in windows]
     theta = np.array([sample.theta_w.as_array() for sample in samples], np.float32)
-    return Batch(cells=torch.from_numpy(cells), theta=torch.from_numpy(theta))
+    return Batch(
+        cells=torch.from_numpy(cells),
+        sight=torch.from_numpy(np.stack(sight)),
+        theta=torch.from_numpy(theta),
+    )
 
 
 def _init_worker(_worker: int) -> None:

@@ -18,19 +18,22 @@ _CROSS = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
 
 
 def bent(
-    grid: OccupancyGrid, *, amplitude_m: float, resolution_m: float, rng: np.random.Generator
+    grid: OccupancyGrid, T_m_fixed: SE2, *, amplitude_m: float, resolution_m: float, rng: np.random.Generator
 ) -> OccupancyGrid:
     """The map bent by smooth waves and drawn in cells of another size, which lie otherwise; no wall is lost.
 
     Waves run along each axis and move cells across it; their length is uniform from 2 m to 8 m, and their
-    amplitudes are uniform and sum to at most `amplitude_m`. Where the new cells begin is uniform within an
-    old one: without that, a move of less than half a cell would change nothing.
+    amplitudes are uniform and sum to at most `amplitude_m`, less what they come to at `T_m_fixed`: what lies
+    there stays, as it is there that the label of a pair is exact. Where the new cells begin is uniform within
+    an old one: without that, a move of less than half a cell would change nothing.
     """
     ratio = resolution_m / grid.resolution_m
     phase = rng.random(2)
     shape = tuple(math.ceil((n + 1) / ratio) for n in grid.cells.shape)
+    T_g_fixed = grid.T_m_g.inverse() @ T_m_fixed
     row_moves, col_moves = (
-        _waves(n, amplitude_m / grid.resolution_m, grid.resolution_m, rng) for n in reversed(grid.cells.shape)
+        _waves(n, at_m, amplitude_m / grid.resolution_m, grid.resolution_m, rng)
+        for n, at_m in zip(reversed(grid.cells.shape), (T_g_fixed.x_m, T_g_fixed.y_m), strict=True)
     )
     cells = np.full(shape, UNKNOWN, np.uint8)
     _resample_in_place(cells, grid.cells, ratio, row_moves + phase[0], col_moves + phase[1])
@@ -38,15 +41,18 @@ def bent(
     return OccupancyGrid(cells=cells, resolution_m=resolution_m, T_m_g=grid.T_m_g @ SE2(col_m, row_m, 0.0))
 
 
-def _waves(cells: int, amplitude_cells: float, resolution_m: float, rng: np.random.Generator) -> Array:
-    """(cells,) displacement [cells] along one axis."""
-    place_m = resolution_m * np.arange(cells)
+def _waves(
+    cells: int, still_m: float, amplitude_cells: float, resolution_m: float, rng: np.random.Generator
+) -> Array:
+    """(cells,) displacement [cells] along one axis, none at one place on it."""
+    place_m = np.append(resolution_m * (np.arange(cells) + 0.5), still_m)
     waves = [
         rng.uniform(0.0, amplitude_cells / _WAVES)
         * np.sin(2.0 * np.pi * (place_m / rng.uniform(2.0, 8.0) + rng.random()))
         for _ in range(_WAVES)
     ]
-    return np.asarray(np.sum(waves, axis=0), dtype=np.float64)
+    moves = np.asarray(np.sum(waves, axis=0), dtype=np.float64)
+    return moves[:-1] - moves[-1]
 
 
 @nb.njit(cache=True, nogil=True)

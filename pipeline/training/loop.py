@@ -11,7 +11,7 @@ from torch import Tensor, nn
 
 from pipeline.errors import ConfigError
 from pipeline.seeds import stream
-from pipeline.training.data import Batch
+from pipeline.training.data import Batch, moved
 from pipeline.training.model import FrameErrorModel
 from pipeline.training.optimiser import (
     adamw,
@@ -117,7 +117,7 @@ def fit(
         set_learning_rate(state.optimizer, rate)
         torch.manual_seed(int(stream(seed, "step", state.step, processes.rank).integers(2**62)))
         with _autocast(settings, processes.device):
-            loss, figures = model(_moved(batch, processes.device))
+            loss, figures = model(moved(batch, processes.device))
         state.optimizer.zero_grad(set_to_none=True)
         loss.backward()
         norm = nn.utils.clip_grad_norm_(state.model.parameters(), settings.clip_norm)
@@ -148,13 +148,6 @@ class _Loss(nn.Module):
 
 def _autocast(settings: Optimisation, device: torch.device) -> torch.autocast:
     return torch.autocast(device.type, dtype=torch.bfloat16, enabled=settings.precision == "bf16")
-
-
-def _moved(batch: Batch, device: torch.device) -> Batch:
-    return Batch(
-        cells=batch["cells"].to(device, non_blocking=True),
-        theta=batch["theta"].to(device, non_blocking=True),
-    )
 
 
 def _check_finite(loss: float, norm: float, step: int) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from torch import Tensor, nn
 
@@ -20,9 +20,17 @@ class FrameErrorModel(nn.Module, ABC):
     suitable_learning_rate: ClassVar[float]
 
     @abstractmethod
+    def config(self) -> dict[str, Any]:
+        """All that its network is built from, as JSON holds it; weights are kept with it."""
+
+    @abstractmethod
     def loss(self, batch: Batch) -> tuple[Tensor, dict[str, float]]:
         """What is minimised, a scalar, and figures to watch."""
 
     @abstractmethod
-    def theta(self, cells_B2NN: Tensor) -> Tensor:
-        """(B, 3) float32 estimated frame error: x [m], y [m], yaw [rad]."""
+    def theta(self, cells_B2NN: Tensor, sight_B2NN: Tensor) -> Tensor:
+        """(B, 3) float32 estimated frame error: x [m], y [m], yaw [rad].
+
+        Args:
+            cells_B2NN, sight_B2NN: as in `Batch`.
+        """

@@ -17,16 +17,19 @@ from pipeline.store.read import StageReader
 COLUMNS = (
     "pair_id",
     "plan_id",
+    "plan_digest",
     "seed",
     "map_0",
     "map_1",
     "origin_0",
     "origin_1",
     "resolution_m",
+    "T_m0_r0",
     "T_m1_r1",
     "T_m0_m1_local",
     "overlap",
 )
+_POSES = ("origin_0", "origin_1", "T_m0_r0", "T_m1_r1", "T_m0_m1_local")
 SPLIT_NAMES = ("train", "validation", "test")
 _SPLIT_FILE = re.compile(r"pairs/(train|validation|test)-[0-9]+-of-[0-9]+\.parquet")
 
@@ -40,6 +43,7 @@ class MapPair:
         grid_0, grid_1: each robot's map, in its own frame.
         T_m0_m1: the true pose of map 1 in map 0, which makes the maps agree where the robots meet.
         T_m1_r1: where robot 1 stands in its map.
+        T_m0_r0: where robot 0 stands in its map as it sees robot 1; None if that is not known.
         overlap: |known_0 ∩ known_1| / |known_0 ∪ known_1| of the maps as they are stored.
     """
 
@@ -49,6 +53,7 @@ class MapPair:
     T_m0_m1: SE2
     T_m1_r1: SE2
     overlap: float
+    T_m0_r0: SE2 | None = None
 
     @property
     def T_m0_r1(self) -> SE2:
@@ -67,9 +72,7 @@ class PairTable:
     def __init__(self, split: str, table: pa.Table) -> None:
         self.split = split
         self.table = table.combine_chunks()
-        self._poses = {
-            name: _numbers(self.table[name]) for name in ("origin_0", "origin_1", "T_m1_r1", "T_m0_m1_local")
-        }
+        self._poses = {name: _numbers(self.table[name]) for name in _POSES}
         self._maps = [_pngs(self.table[name]) for name in ("map_0", "map_1")]
         self._pair_ids: list[str] = self.table["pair_id"].to_pylist()
         self._resolution_m = self.table["resolution_m"].to_numpy()
@@ -94,15 +97,16 @@ class PairTable:
             T_m0_m1=SE2.from_array(self._poses["T_m0_m1_local"][index]),
             T_m1_r1=SE2.from_array(self._poses["T_m1_r1"][index]),
             overlap=float(self.overlap[index]),
+            T_m0_r0=SE2.from_array(self._poses["T_m0_r0"][index]),
         )
 
     def digest(self) -> str:
         """Of all that is read, independent of how it is stored."""
         return content_digest(self.table)
 
-    def plans(self) -> int:
-        """How many floor plans the pairs are from."""
-        return len(self.table["plan_id"].unique())
+    def plan_digests(self) -> list[str]:
+        """Of the floor plans that the pairs are from, sorted."""
+        return sorted(self.table["plan_digest"].unique().to_pylist())
 
     def seeds(self) -> list[int]:
         """The root seeds that the pairs were made with."""

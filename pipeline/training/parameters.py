@@ -18,16 +18,18 @@ class Sampling:
     Attributes:
         perturbation: how wrong the map transform may be.
         augmentation: what befalls the maps.
+        sight_withheld: share of samples that do not tell where the robots stood: a model shall do without.
         window_cells, window_cell_m: cells along a side of the window, and their side.
     """
 
     perturbation: PerturbationRange = field(default_factory=PerturbationRange)
     augmentation: Augmentation = field(default_factory=Augmentation)
+    sight_withheld: float = 0.3
     window_cells: int = WINDOW_CELLS
     window_cell_m: float = WINDOW_CELL_M
 
     def __post_init__(self) -> None:
-        require_within(self, window_cells=(16, 4096), window_cell_m=(0.01, 1.0))
+        require_within(self, sight_withheld=(0.0, 1.0), window_cells=(16, 4096), window_cell_m=(0.01, 1.0))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -115,7 +115,9 @@ def perturbed_pair(
     T_estimated, T_m0_c = perturbed(pair.T_m0_m1, pair.T_m0_r1, perturbation.theta_c)
     T_m0_w = T_m0_c @ SE2(0.0, 0.0, perturbation.rotation_rad)
     return PerturbedPair(
-        window=map_window(pair.grid_0, pair.grid_1, T_estimated, T_m0_w, cells=cells, cell_m=cell_m),
+        window=map_window(
+            pair.grid_0, pair.grid_1, T_estimated, T_m0_w, T_m0_r0=pair.T_m0_r0, cells=cells, cell_m=cell_m
+        ),
         theta_w=frame_error(T_estimated, pair.T_m0_m1, T_m0_w),
         T_estimated=T_estimated,
         T_m0_w=T_m0_w,

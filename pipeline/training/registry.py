@@ -66,6 +66,23 @@ def build_model(name: str, settings: Mapping[str, Any], sampling: Sampling, *, s
     return PaperModel(build_frame_error(paper, generator=torch.Generator().manual_seed(seed)), row)
 
 
+def rebuilt_model(name: str, config: Mapping[str, Any], sampling: Sampling) -> FrameErrorModel:
+    """The model that weights were trained in, whatever the defaults are by now.
+
+    Args:
+        name: of `MODEL_NAMES`.
+        config: as `FrameErrorModel.config` gave it.
+        sampling: what it was trained on.
+
+    Raises:
+        ConfigError: the configuration is not of this model.
+    """
+    if name == DEFAULT_MODEL:
+        return MatcherModel(MatcherConfig.from_dict(config).build(), sampling)
+    network = build_frame_error(FrameErrorConfig.from_dict(config), generator=torch.Generator())
+    return PaperModel(network, PAPER_ROWS[name])
+
+
 class PaperModel(FrameErrorModel):
     """A row of the paper's Table I."""
 
@@ -74,6 +91,10 @@ class PaperModel(FrameErrorModel):
     def __init__(self, network: FrameErrorNet, row: AblationRow) -> None:
         super().__init__()
         self.network, self.row = network, row
+
+    def config(self) -> dict[str, Any]:
+        """Of the network."""
+        return self.network.config.as_dict()
 
     def loss(self, batch: Batch) -> tuple[Tensor, dict[str, float]]:
         """L of Eq. 7, and its parts."""
@@ -88,8 +109,8 @@ class PaperModel(FrameErrorModel):
         )
         return found.total, {"error": float(found.error.detach()), "reg": float(found.reg.detach())}
 
-    def theta(self, cells_B2NN: Tensor) -> Tensor:
-        """What the network says, as a pose."""
+    def theta(self, cells_B2NN: Tensor, sight_B2NN: Tensor) -> Tensor:
+        """What the network says, as a pose; it looks at the maps alone."""
         config = self.network.config
         xi_B3 = self.network(input_grid(cells_B2NN, cells=config.cells))
         return output_pose(xi_B3, lie_algebra=config.lie)
@@ -98,23 +119,30 @@ class PaperModel(FrameErrorModel):
 class MatcherModel(FrameErrorModel):
     """The learned matcher; loss and search reach as far as the samples are off."""
 
-    suitable_learning_rate = 3e-3
+    suitable_learning_rate = 6e-3
 
     def __init__(self, network: Matcher, sampling: Sampling) -> None:
         super().__init__()
         self.network, self.cell_m = network, sampling.window_cell_m
         self.search = sampling.perturbation.search()
 
+    def config(self) -> dict[str, Any]:
+        """Of the network."""
+        return self.network.config.as_dict()
+
     def loss(self, batch: Batch) -> tuple[Tensor, dict[str, float]]:
         """Cross-entropy of the coarse and the fine volume."""
         looks = LossSampling()
         looks = replace(looks, xy_m=max(looks.xy_m, self.search.xy_m))
-        return matcher_loss(self.network, batch["cells"], batch["theta"], looks)
+        return matcher_loss(self.network, batch["cells"], batch["theta"], looks, sight_BMNN=batch["sight"])
 
-    def theta(self, cells_B2NN: Tensor) -> Tensor:
+    def theta(self, cells_B2NN: Tensor, sight_B2NN: Tensor) -> Tensor:
         """The posterior's mean; zero where one of the maps shows nothing."""
         estimator = MatcherEstimator(model=self.network, search=self.search)
-        windows = [MapWindow(cells=cells, cell_m=self.cell_m) for cells in cells_B2NN.cpu().numpy()]
+        windows = [
+            MapWindow(cells=cells, cell_m=self.cell_m, sight=sight)
+            for cells, sight in zip(cells_B2NN.cpu().numpy(), sight_B2NN.cpu().numpy(), strict=True)
+        ]
         thetas = [estimator(window).theta or SE2.identity() for window in windows]
         return torch.tensor([theta.as_array().tolist() for theta in thetas], dtype=torch.float32)
 

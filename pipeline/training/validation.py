@@ -10,7 +10,7 @@ import torch
 
 from pipeline.alignment.frame_error import pose_difference
 from pipeline.geometry.se2 import SE2
-from pipeline.training.data import Batch
+from pipeline.training.data import Batch, moved
 from pipeline.training.model import FrameErrorModel
 
 
@@ -70,9 +70,9 @@ def validate(
     losses, errors = [], []
     for number, batch in enumerate(batches):
         torch.manual_seed(seed + number)
-        moved = Batch(cells=batch["cells"].to(device), theta=batch["theta"].to(device))
-        losses.append(float(model.loss(moved)[0]) * len(batch["theta"]))
-        theta_hat_B3 = model.theta(moved["cells"]).cpu()
+        there = moved(batch, device)
+        losses.append(float(model.loss(there)[0]) * len(batch["theta"]))
+        theta_hat_B3 = model.theta(there["cells"], there["sight"]).cpu()
         for estimated, true in zip(theta_hat_B3.tolist(), batch["theta"].tolist(), strict=True):
             errors.append(pose_difference(SE2(*estimated), SE2(*true)).as_array())
     mean = np.abs(np.array(errors)).mean(axis=0)

@@ -9,6 +9,7 @@ import torch
 from torch import Tensor, nn
 
 from pipeline.alignment.frame_error import pose_difference
+from pipeline.alignment.sight import OPEN_CELL
 from pipeline.alignment.window import OCCUPIED_CELL, MapWindow, SearchRange
 from pipeline.errors import ConfigError
 from pipeline.geometry.se2 import SE2
@@ -29,7 +30,7 @@ THETA = SE2(1.4, -0.7, math.radians(24.0))
 class SmoothedWalls(nn.Module):
     """An encoder without weights: both features are the occupied cells, smoothed."""
 
-    def forward(self, cells_BNN: Tensor) -> tuple[Tensor, Tensor]:
+    def forward(self, cells_BNN: Tensor, sight_BNN: Tensor) -> tuple[Tensor, Tensor]:
         fine = (cells_BNN[:, None] == OCCUPIED_CELL).float()
         fine = nn.functional.avg_pool2d(fine, 3, stride=1, padding=1)
         return nn.functional.avg_pool2d(fine, 2), fine
@@ -271,15 +272,17 @@ def test_features_are_zero_far_from_what_is_known():
     cells[..., 90:96, 90:96] = OCCUPIED_CELL
     features = SMALL.build().features(cells.expand(1, 2, -1, -1))
     assert features.coarse_BMFYX.abs().sum() > 0.0
-    assert features.coarse_BMFYX[..., :41, :].abs().max() == 0.0
-    assert features.fine_BMFYX[..., : 2 * 41, :].abs().max() == 0.0
+    assert features.coarse_BMFYX[..., :37, :].abs().max() == 0.0
+    assert features.fine_BMFYX[..., : 2 * 37, :].abs().max() == 0.0
 
 
 def batch_of(count: int, *, seed: int = 0) -> dict[str, Tensor]:
     rng = np.random.default_rng(seed)
     thetas = rng.uniform(-1.0, 1.0, (count, 3)) * [2.0, 2.0, math.pi / 4]
     cells = [window_of(SE2.from_array(theta), seed=i).cells for i, theta in enumerate(thetas)]
-    return {"cells": torch.from_numpy(np.stack(cells)), "theta": torch.from_numpy(thetas).float()}
+    windows = torch.from_numpy(np.stack(cells))
+    sight = torch.randint(0, 3, windows.shape, generator=torch.Generator().manual_seed(seed)).to(torch.uint8)
+    return {"cells": windows, "sight": sight, "theta": torch.from_numpy(thetas).float()}
 
 
 @pytest.mark.parametrize("turned_share", [0.0, 1.0])
@@ -332,6 +335,26 @@ def test_a_frame_error_beyond_the_loss_is_refused():
     batch = batch_of(1)
     with pytest.raises(ConfigError, match=r"longer than 4\.4 m"):
         SMALL.build().loss({**batch, "theta": batch["theta"] + 5.0})
+
+
+def test_sight_tells_features_about_the_map_of_the_robot_that_sees():
+    matcher, batch = SMALL.build(), batch_of(1)
+    hidden = matcher.features(batch["cells"])
+    first_sees = torch.zeros_like(batch["sight"])
+    first_sees[:, 0, 90:94, 90:94] = OPEN_CELL
+    seen = matcher.features(batch["cells"], first_sees)
+    changed = (seen.coarse_BMFYX != hidden.coarse_BMFYX).flatten(2).any(2)
+    assert changed.tolist() == [[True, False]]
+
+
+def test_an_estimator_that_shall_not_use_sight_does_not():
+    window = window_of(THETA)
+    told = replace(window, sight=batch_of(1)["sight"][0].numpy())
+    torch.manual_seed(0)
+    matcher = SMALL.build().eval()
+    alone = MatcherEstimator(model=matcher, uses_sight=False)
+    assert alone(told).theta == alone(window).theta == MatcherEstimator(model=matcher)(window).theta
+    assert MatcherEstimator(model=matcher)(told).theta != alone(told).theta
 
 
 def test_every_weight_is_trained():

@@ -222,10 +222,10 @@ def network(tmp_path_factory) -> Path:
     model = build_model("vit-lie", settings, Sampling(), seed=0)
     about = {
         "model": "vit-lie",
-        "settings": settings,
+        "network": model.config(),
         "sampling": asdict(Sampling()),
         "seed": 3,
-        "data": {"folder": "somewhere", "pairs": {"train": 7}, "plans": {"train": 2}},
+        "data": {"folder": "somewhere", "pairs": {"train": 7}, "plans": {"train": 2}, "plan_digests": []},
     }
     folder = tmp_path_factory.mktemp("vit-lie")
     state = TrainingState.fresh(model, Optimisation())

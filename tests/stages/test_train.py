@@ -20,7 +20,7 @@ from pipeline.stages.train import train
 from pipeline.stages.train_record import CHECKPOINT, CURVE, WEIGHTS
 from pipeline.training.checkpoint import fit_weights_in_place, read_checkpoint
 from pipeline.training.parameters import Sampling
-from pipeline.training.registry import build_model
+from pipeline.training.registry import rebuilt_model
 from tests.conftest import ROOT, run_in
 from tests.synthetic_dataset import explored, synthetic_run
 
@@ -81,7 +81,7 @@ def test_training_writes_weights_a_curve_and_events_and_says_on_what(data: Path,
     assert list((tmp_path / "run").glob("events.out.tfevents.*"))
     weights = read_checkpoint((tmp_path / "run" / WEIGHTS).read_bytes(), where="here")
     sampling = Sampling(window_cells=48, window_cell_m=0.4)
-    model = build_model(weights.record["model"], weights.record["settings"], sampling, seed=5)
+    model = rebuilt_model(weights.record["model"], weights.record["network"], sampling)
     fit_weights_in_place(model, weights.tensors, where="here")
     assert weights.record["samples"] == 32
     assert weights.record["data"]["pairs"] == {"train": 12, "validation": 4}

@@ -86,3 +86,11 @@ def test_weights_that_do_not_fit_are_told_with_the_first_that_differs(state: Tra
         fit_weights_in_place(
             tiny_model(), {k: v for k, v in weights.items() if k != "layers.3.bias"}, where="there"
         )
+
+
+def test_weights_of_another_format_are_told(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr("pipeline.training.checkpoint._FORMAT", 1)
+    old = weights_bytes(TrainingState.fresh(tiny_model(), Optimisation()), {"model": "tiny"})
+    monkeypatch.undo()
+    with pytest.raises(StoreError, match="format 1; must be 2"):
+        read_checkpoint(old, where="w.safetensors")

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import json
 import math
 
 import pytest
 import torch
 
+from pipeline.errors import ConfigError
 from pipeline.training.data import TrainingBatches
 from pipeline.training.model import FrameErrorModel
 from pipeline.training.pairs import PairTable
 from pipeline.training.parameters import Sampling
 from pipeline.training.perturbation import PerturbationRange
-from pipeline.training.registry import MODEL_NAMES, MatcherModel, build_model
+from pipeline.training.registry import MODEL_NAMES, MatcherModel, build_model, rebuilt_model
 
 SAMPLING = Sampling(window_cells=96, window_cell_m=0.1, perturbation=PerturbationRange(xy_m=0.5, yaw_rad=0.2))
 SMALL = {name: {"cells": 48, "width": 16, "depth": 1, "heads": 2} for name in MODEL_NAMES} | {
@@ -34,10 +36,21 @@ def test_a_model_gives_a_loss_with_gradients_and_an_estimate(name: str, pairs: P
     assert all(math.isfinite(value) for value in figures.values())
     assert sum(float(p.grad.abs().sum()) for p in model.parameters() if p.grad is not None) > 0.0
     with torch.no_grad():
-        theta = model.eval().theta(batch["cells"])
+        theta = model.eval().theta(batch["cells"], batch["sight"])
     assert theta.shape == (2, 3)
     assert theta.dtype == torch.float32
     assert torch.isfinite(theta).all()
+
+
+@pytest.mark.parametrize("name", MODEL_NAMES)
+def test_a_model_is_rebuilt_from_its_configuration_alone(name: str):
+    model = small(name)
+    config = json.loads(json.dumps(model.config()))
+    again = rebuilt_model(name, config, SAMPLING)
+    again.load_state_dict(model.state_dict())
+    assert again.config() == model.config()
+    with pytest.raises(ConfigError):
+        rebuilt_model(name, {k: v for k, v in config.items() if k != "cell_m"}, SAMPLING)
 
 
 @pytest.mark.parametrize("name", ["matcher", "vit", "cnn"])

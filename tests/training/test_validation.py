@@ -22,7 +22,7 @@ class Told(TinyModel):
         self._answers = {batch["cells"].numpy().tobytes(): batch["theta"] for batch in batches}
         self._off = torch.tensor(off)
 
-    def theta(self, cells_B2NN: Tensor) -> Tensor:
+    def theta(self, cells_B2NN: Tensor, sight_B2NN: Tensor) -> Tensor:
         x, y, yaw = self._answers[cells_B2NN.numpy().tobytes()].unbind(1)
         off_x, off_y, off_yaw = self._off
         c, s = torch.cos(yaw), torch.sin(yaw)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
@@ -23,13 +25,16 @@ class TinyModel(FrameErrorModel):
         super().__init__()
         self.layers = nn.Sequential(nn.Linear(288, 16), nn.LayerNorm(16), nn.GELU(), nn.Linear(16, 3))
 
+    def config(self) -> dict[str, Any]:
+        return {"hidden": 16}
+
     def loss(self, batch: Batch) -> tuple[Tensor, dict[str, float]]:
-        difference = self.theta(batch["cells"]) - batch["theta"]
+        difference = self.theta(batch["cells"], batch["sight"]) - batch["theta"]
         kept = (torch.rand(3) < 0.9).float() if self.training else torch.ones(3)
         loss = (kept * difference).square().mean()
         return loss, {"kept": float(kept.mean())}
 
-    def theta(self, cells_B2NN: Tensor) -> Tensor:
+    def theta(self, cells_B2NN: Tensor, sight_B2NN: Tensor) -> Tensor:
         return self.layers(functional.adaptive_avg_pool2d(cells_B2NN.float(), 12).flatten(1)).float()
 
 
