@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -11,7 +12,7 @@ import torch
 from pydantic import TypeAdapter, ValidationError
 
 from pipeline.alignment.estimate import Estimate, FrameErrorEstimator
-from pipeline.alignment.window import MapWindow, SearchRange
+from pipeline.alignment.window import WINDOW_CELL_M, WINDOW_CELLS, MapWindow, SearchRange
 from pipeline.errors import ConfigError
 from pipeline.evaluation.table_one import model_of
 from pipeline.geometry.se2 import SE2, Array
@@ -22,7 +23,7 @@ from pipeline.models.refined_posterior import RefinedPosterior
 from pipeline.training.checkpoint import fit_weights_in_place, read_checkpoint
 from pipeline.training.model import FrameErrorModel
 from pipeline.training.parameters import Sampling
-from pipeline.training.registry import MatcherModel, PaperModel, rebuilt_model
+from pipeline.training.registry import DEFAULT_MODEL, MatcherModel, PaperModel, rebuilt_model
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -83,7 +84,7 @@ def load(data: bytes, name: str, search: SearchRange, *, where: str, threads: in
 
     Raises:
         StoreError: the file is damaged.
-        ConfigError: the weights are another model's.
+        ConfigError: the weights are another model's, or were trained on another window.
     """
     found = read_checkpoint(data, where=where)
     record = found.record
@@ -97,6 +98,7 @@ def load(data: bytes, name: str, search: SearchRange, *, where: str, threads: in
         told = error.errors()[0]
         place = ".".join(str(key) for key in told["loc"])
         raise ConfigError(f"{where}: sampling.{place}: {told['msg']}; train anew") from error
+    _require_same_window(kind, sampling, where=where)
     model = rebuilt_model(kind, record["network"], sampling)
     fit_weights_in_place(model, found.under("average.") or found.tensors, where=where)
     model = model.to("cuda" if torch.cuda.is_available() else "cpu").eval()
@@ -109,6 +111,17 @@ def load(data: bytes, name: str, search: SearchRange, *, where: str, threads: in
         estimator=NetworkEstimator(name=name, model=model),
         record=record,
         attention=_attention(network) if isinstance(network, FrameErrorViT) else None,
+    )
+
+
+def _require_same_window(kind: str, sampling: Sampling, *, where: str) -> None:
+    """A model of the paper would see another window at a wrong scale; the matcher minds only the cells."""
+    same_cells = math.isclose(sampling.window_cell_m, WINDOW_CELL_M)
+    if same_cells and (kind == DEFAULT_MODEL or sampling.window_cells == WINDOW_CELLS):
+        return
+    raise ConfigError(
+        f"{where}: trained on windows of {sampling.window_cells} cells of {sampling.window_cell_m:g} m; "
+        f"must be {WINDOW_CELLS} of {WINDOW_CELL_M:g} m, which are measured: train anew"
     )
 
 

@@ -206,9 +206,10 @@ def test_no_network_no_torch(data, tmp_path):
     assert ran.stdout.strip() == "False"
 
 
-@pytest.fixture(scope="module")
-def network(tmp_path_factory) -> Path:
-    """Weights of a tiny transformer, and its curve, as `train` leaves them."""
+def _trained(
+    folder: Path, name: str, settings: dict, *, trained_on: tuple[str, ...] = (), **sampling
+) -> Path:
+    """Weights of a tiny network, and its curve, as `train` leaves them."""
     torch = pytest.importorskip("torch")
     from dataclasses import asdict
 
@@ -218,22 +219,49 @@ def network(tmp_path_factory) -> Path:
     from pipeline.training.registry import build_model
 
     torch.set_num_threads(1)
-    settings = {"cells": 48, "width": 32, "depth": 1, "heads": 2}
-    model = build_model("vit-lie", settings, Sampling(), seed=0)
+    model = build_model(name, settings, Sampling(**sampling), seed=0)
+    data = {"folder": "somewhere", "pairs": {"train": 7}, "plans": {"train": 2}}
     about = {
-        "model": "vit-lie",
+        "model": name,
         "network": model.config(),
-        "sampling": asdict(Sampling()),
+        "sampling": asdict(Sampling(**sampling)),
         "seed": 3,
-        "data": {"folder": "somewhere", "pairs": {"train": 7}, "plans": {"train": 2}, "plan_digests": []},
+        "data": {**data, "plan_digests": list(trained_on)},
     }
-    folder = tmp_path_factory.mktemp("vit-lie")
     state = TrainingState.fresh(model, Optimisation())
     state.samples = 16
+    folder.mkdir(exist_ok=True)
     (folder / "weights.safetensors").write_bytes(weights_bytes(state, about))
     point = {"samples": 16, "elapsed_s": 30.0, "error_x_m": 1.0, "error_y_m": 1.0, "error_yaw_rad": 0.4}
     (folder / "curve.json").write_text(json.dumps({**about, "samples": 16, "curve": [point]}))
     return folder / "weights.safetensors"
+
+
+TINY_VIT = {"cells": 48, "width": 32, "depth": 1, "heads": 2}
+
+
+@pytest.fixture(scope="module")
+def network(tmp_path_factory) -> Path:
+    """Weights of a tiny transformer."""
+    return _trained(tmp_path_factory.mktemp("vit-lie"), "vit-lie", TINY_VIT)
+
+
+@pytest.mark.parametrize(
+    ("name", "settings", "sampling"),
+    [
+        ("vit-lie", TINY_VIT, {"window_cells": 192}),
+        ("vit-lie", TINY_VIT, {"window_cells": 192, "window_cell_m": 0.1}),
+        ("matcher", {"channels": 8, "dilations": [1, 2]}, {"window_cell_m": 0.1}),
+    ],
+)
+def test_a_network_trained_on_another_window_is_refused(data, tmp_path, name, settings, sampling):
+    weights = _trained(tmp_path / "run", name, settings, **sampling)
+    given = ["evaluate", "--data", str(data), "--methods", name, "--report", str(tmp_path / "r")]
+    result = CliRunner().invoke(app, [*given, "--weights", f"{name}={weights}", "--workers", "1"])
+    assert result.exit_code == 2
+    cells, cell_m = sampling.get("window_cells", 384), sampling.get("window_cell_m", 0.05)
+    assert f"trained on windows of {cells} cells of {cell_m} m; must be 384 of 0.05 m" in result.stderr
+    assert not (tmp_path / "r").exists()
 
 
 def test_a_trained_network_is_measured_with_its_history_and_its_attention(network, data, tmp_path):
