@@ -130,6 +130,28 @@ def train(
 
 
 @app.command()
+def calibrate(
+    weights: Annotated[Path, typer.Argument(help="A matcher's weights.safetensors.")] = Path(
+        "runs/matcher/weights.safetensors"
+    ),
+    data: Data = "data",
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Of the frame errors.")] = 0,
+    workers: Workers = CORES,
+) -> None:
+    """Fit a matcher's confidence to validation pairs; `train` does it at its end."""
+    from rich.console import Console
+
+    try:
+        from pipeline.stages.calibrate import calibrate as calibrated
+    except ModuleNotFoundError as error:
+        raise SetupError(
+            f"{error.name} is missing; `pip install 'rendezvous-fusion[learn]'` installs what training needs"
+        ) from error
+    dataset = f"{data_folder(data).rstrip('/')}/dataset"
+    calibrated(weights, dataset, seed=seed, threads=workers, console=Console(stderr=True))
+
+
+@app.command()
 def evaluate(
     data: Data = "data",
     split: Annotated[str, typer.Option("--split", help="train, validation or test.")] = "test",

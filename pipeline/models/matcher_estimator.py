@@ -6,7 +6,7 @@ Legend: K peak, H heading, Y X rows and columns of a volume of translations.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import torch
@@ -18,6 +18,7 @@ from pipeline.errors import ConfigError
 from pipeline.geometry.occupancy_grid import Cells
 from pipeline.geometry.se2 import SE2, Array
 from pipeline.models.matcher import Features, Matcher
+from pipeline.models.matcher_calibration import Calibration
 from pipeline.models.posterior import WHOLE, Gaussian, Mode, Posterior, log_prior, log_sum_exp
 from pipeline.models.refined_posterior import RefinedPosterior
 
@@ -44,10 +45,8 @@ class MatcherEstimator:
         priors: what is known of θ before looking at the maps, in w; several are a mixture in equal parts.
         peaks: how many peaks of the coarse volume are looked at closely at most.
         negligible: peaks are left out once no more than this probability is left.
-        sharpness: exponent of the density around each peak, its mass untouched; what makes the covariance
-            agree with the errors on validation pairs.
+        calibration: how to read the posterior.
         uses_sight: whether it looks at where the robots stood, where a window tells.
-        least_mass: an estimate is ambiguous where its peak has less probability than this.
     """
 
     model: Matcher
@@ -55,8 +54,7 @@ class MatcherEstimator:
     priors: tuple[Gaussian, ...] = ()
     peaks: int = 8
     negligible: float = 0.01
-    sharpness: float = 1.0
-    least_mass: float = 0.9
+    calibration: Calibration = field(default_factory=Calibration)
     uses_sight: bool = True
 
     @property
@@ -72,8 +70,8 @@ class MatcherEstimator:
         best = posterior.best()
         return Estimate(
             theta=best.mean,
-            covariance=best.covariance,
-            ambiguous=bool(posterior.masses[0] < self.least_mass),
+            covariance=self.calibration.covariance(best.covariance),
+            ambiguous=bool(posterior.masses[0] < self.calibration.least_mass),
         )
 
     @torch.inference_mode()
@@ -103,7 +101,7 @@ class MatcherEstimator:
                 continue  # a shoulder, from which the look has moved on to the same peak
             scores = volume.log_p_HYX + float(self.model.carried_weight) * seen.log_p_at(mode.peak)
             log_weights.append(log_sum_exp(scores) + math.log(math.prod(volume.steps)))
-            pieces.append(replace(volume, log_p_HYX=self.sharpness * volume.log_p_HYX).normalised())
+            pieces.append(self._sharpened(volume).normalised())
         # What no close look was taken at keeps its coarse probability.
         inside = 1.0 - math.exp(log_sum_exp(rest.log_p_HYX))
         logs = np.array(log_weights)
@@ -155,9 +153,18 @@ class MatcherEstimator:
         y_BHY, x_BHX = (self._tensor(np.tile(axis, (headings.size, 1))) for axis in (ys_m, xs_m))
         scores = self.model.fine_scores(features, self._tensor(headings), y_BHY, x_BHX)
         volume = _volume(headings, ys_m, xs_m, scores)
+        return replace(volume, log_p_HYX=volume.log_p_HYX + self._log_prior(volume))
+
+    def _sharpened(self, volume: Posterior) -> Posterior:
+        """A close look, read as the calibration says; the priors in it stay as wide as they are."""
+        prior = self._log_prior(volume)
+        return replace(volume, log_p_HYX=self.calibration.sharpness * (volume.log_p_HYX - prior) + prior)
+
+    def _log_prior(self, volume: Posterior) -> Array | float:
+        """(H, Y, X), or 0 where nothing is known beforehand."""
         if not self.priors:
-            return volume
-        return replace(volume, log_p_HYX=volume.log_p_HYX + log_prior(self.priors, headings, ys_m, xs_m))
+            return 0.0
+        return log_prior(self.priors, volume.headings_rad, volume.ys_m, volume.xs_m)
 
     def _cells(self, cells: Cells) -> Tensor:
         return torch.from_numpy(cells)[None].to(self.model.carried_weight.device)

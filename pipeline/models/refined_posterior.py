@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -29,6 +29,11 @@ class RefinedPosterior:
     pieces: tuple[Posterior, ...]
     masses: Array
     rest: Posterior
+
+    def sharpened(self, sharpness: float) -> RefinedPosterior:
+        """Each piece's density to this power, and normalised again; its mass stays."""
+        pieces = (replace(p, log_p_HYX=sharpness * p.log_p_HYX).normalised() for p in self.pieces)
+        return replace(self, pieces=tuple(pieces))
 
     def best(self) -> Gaussian:
         """Mean and covariance of the most probable piece."""

@@ -18,6 +18,7 @@ from pipeline.evaluation.table_one import model_of
 from pipeline.geometry.se2 import SE2, Array
 from pipeline.models.attention import attention_rollout
 from pipeline.models.frame_error import FrameErrorViT, input_grid
+from pipeline.models.matcher_calibration import Calibration
 from pipeline.models.matcher_estimator import MatcherEstimator
 from pipeline.models.refined_posterior import RefinedPosterior
 from pipeline.training.checkpoint import fit_weights_in_place, read_checkpoint
@@ -103,7 +104,12 @@ def load(data: bytes, name: str, search: SearchRange, *, where: str, threads: in
     fit_weights_in_place(model, found.under("average.") or found.tensors, where=where)
     model = model.to("cuda" if torch.cuda.is_available() else "cpu").eval()
     if isinstance(model, MatcherModel):
-        estimator = RememberingMatcher(model=model.network, search=search, uses_sight=name != "matcher-maps")
+        estimator = RememberingMatcher(
+            model=model.network,
+            search=search,
+            uses_sight=name != "matcher-maps",
+            calibration=Calibration.from_dict(record.get("calibration", Calibration().as_dict())),
+        )
         return Trained(estimator=estimator, record=record, attention=None)
     assert isinstance(model, PaperModel)
     network = model.network

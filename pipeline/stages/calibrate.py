@@ -1,0 +1,84 @@
+"""Fit how a trained matcher's posterior is to be read on validation pairs, and keep it with the weights."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+
+from pipeline.errors import ConfigError
+from pipeline.models.matcher_calibration import Calibration, Reading, fitted
+from pipeline.models.matcher_estimator import DEFAULT_SEARCH, MatcherEstimator
+from pipeline.progress import meter
+from pipeline.stages.trained_estimators import load
+from pipeline.store.disk import Disk
+from pipeline.store.read import StageReader
+from pipeline.training.checkpoint import read_checkpoint, retold
+from pipeline.training.pairs import PairTable, read_pairs
+from pipeline.training.perturbation import PerturbationRange, evaluation_perturbation, perturbed_pair
+
+PAIRS = 400
+"""So many, spread evenly over the validation split, tell a coverage to within three points."""
+_SPLIT = "validation"
+LEAST_PAIRS = 20
+
+
+def calibrate(
+    weights: Path, dataset: str, *, seed: int, threads: int, count: int = PAIRS, console: Console
+) -> Calibration:
+    """Write a calibration into a matcher's weights; the weights themselves stay.
+
+    Args:
+        weights: as `train` writes them; replaced in one step.
+        dataset: folder that `pack` wrote.
+        seed: of the frame errors.
+        threads: of the processor.
+        count: validation pairs, at most.
+        console: where to tell.
+
+    Raises:
+        StoreError: weights or dataset are missing or damaged.
+        ConfigError: the weights are another model's, or there are too few validation pairs.
+    """
+    disk = Disk(str(weights.parent))
+    data, where = disk.read(weights.name), str(weights)
+    loaded = load(data, "matcher", DEFAULT_SEARCH, where=where, threads=threads).estimator
+    assert isinstance(loaded, MatcherEstimator)
+    pairs = read_pairs(StageReader(dataset, "pack"), _SPLIT)
+    readings = _readings(replace(loaded, calibration=Calibration()), pairs, seed, count, console)
+    if len(readings) < LEAST_PAIRS:
+        raise ConfigError(
+            f"{dataset}: {len(readings)} validation pairs show both maps; a calibration needs {LEAST_PAIRS}"
+        )
+    found = fitted(readings)
+    told = {"pairs": len(readings), "data": pairs.digest()}
+    disk.write(
+        weights.name,
+        retold(read_checkpoint(data, where=where), calibration=found.as_dict(), calibrated_on=told),
+    )
+    console.print(
+        f"calibrate: on {len(readings)} validation pairs: sharpness {found.sharpness:.2f}; covariance times "
+        f"{found.scale:.2f}, at least {1e3 * found.floor_m:.0f} mm, {np.degrees(found.floor_rad):.2f} deg; "
+        f"ambiguous below {found.least_mass:.3f}",
+        highlight=False,
+    )
+    return found
+
+
+def _readings(
+    estimator: MatcherEstimator, pairs: PairTable, seed: int, count: int, console: Console
+) -> list[Reading]:
+    count = min(count, len(pairs))
+    readings = []
+    with meter("calibrate", total=count, console=console, parts="pairs", rows="pairs") as progress:
+        for place in np.linspace(0, len(pairs) - 1, count).round():
+            pair = pairs[int(place)]
+            perturbation = evaluation_perturbation(pair.pair_id, PerturbationRange(), seed=seed)
+            sample = perturbed_pair(pair, perturbation)
+            if sample.window.cells.any(axis=(1, 2)).all():
+                posterior = estimator.posterior(sample.window)
+                readings.append(Reading(posterior=posterior, theta=sample.theta_w))
+            progress.advance(1, made=True)
+    return readings

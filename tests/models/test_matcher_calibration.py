@@ -1,0 +1,147 @@
+"""Confidence that agrees with errors."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from scipy.stats import chi2
+
+from pipeline.alignment.window import SearchRange
+from pipeline.errors import ConfigError
+from pipeline.geometry.se2 import SE2, Array
+from pipeline.models.matcher import MatcherConfig
+from pipeline.models.matcher_calibration import (
+    Calibration,
+    Reading,
+    best_covered,
+    fitted,
+    least_trusted_mass,
+)
+from pipeline.models.matcher_estimator import MatcherEstimator
+from pipeline.models.posterior import Gaussian, Posterior
+from pipeline.models.refined_posterior import RefinedPosterior
+from tests.models.worlds import misplaced, rooms
+
+
+def _spread(rng: np.random.Generator, count: int) -> Array:
+    """(P, 3, 3) covariances of a centimetre or so and half a degree, no two alike."""
+    root = rng.normal(size=(count, 3, 3)) * np.array([0.01, 0.01, 0.008])[:, None]
+    return root @ root.transpose(0, 2, 1) + np.diag([1e-5, 1e-5, 1e-5])
+
+
+def _drawn(rng: np.random.Generator, covariance: Array) -> Array:
+    return (np.linalg.cholesky(covariance) @ rng.normal(size=(len(covariance), 3, 1)))[..., 0]
+
+
+@pytest.mark.parametrize(("factor", "floor_m", "floor_rad"), [(0.25, 0.0, 0.0), (1.0, 0.01, 0.005)])
+def test_ellipsoids_of_other_pairs_cover_as_often_as_they_say(factor, floor_m, floor_rad):
+    rng = np.random.default_rng(0)
+    told = _spread(rng, 1600)
+    true = factor * told + np.diag(np.square([floor_m, floor_m, floor_rad]))
+    error = _drawn(rng, true)
+    scale, found_m, found_rad = best_covered(error[:800], told[:800])
+    calibration = Calibration(scale=scale, floor_m=found_m, floor_rad=found_rad)
+    covariance = calibration.covariance(told[800:])
+    nees = np.einsum("pi,pij,pj->p", error[800:], np.linalg.inv(covariance), error[800:])
+    for level in (0.5, 0.9, 0.95):
+        assert (nees <= chi2.ppf(level, 3)).mean() == pytest.approx(level, abs=0.05)
+    before = np.einsum("pi,pij,pj->p", error, np.linalg.inv(told), error)
+    assert abs((before <= chi2.ppf(0.5, 3)).mean() - 0.5) > 0.15
+
+
+def test_the_wrong_ones_are_flagged_and_as_few_others_as_can_be():
+    mass = np.linspace(0.01, 1.0, 100)
+    wrong = np.zeros(100, bool)
+    wrong[[0, 4]] = True
+    least = least_trusted_mass(mass, wrong)
+    assert mass[4] < least < mass[5]
+    assert least_trusted_mass(mass, np.zeros(100, bool)) < mass[0]
+    wrong[60] = True  # cannot be told from those that are right
+    assert (mass < least_trusted_mass(mass, wrong)).sum() == 13
+
+
+def test_a_posterior_is_made_as_sharp_as_the_truths_lie():
+    rng = np.random.default_rng(1)
+    sigma = np.array([0.05, 0.05, math.radians(1.0)])
+    readings = [
+        Reading(posterior=_normal(sigma), theta=SE2.from_array(0.5 * sigma * rng.normal(size=3)))
+        for _ in range(300)
+    ]
+    found = fitted(readings)
+    assert found.sharpness == pytest.approx(4.0, rel=0.3)
+    assert found.least_mass < 0.95
+    covered = np.array([_nees(found, reading) for reading in readings])
+    assert (covered <= chi2.ppf(0.5, 3)).mean() == pytest.approx(0.5, abs=0.06)
+
+
+def _normal(sigma: Array) -> RefinedPosterior:
+    """One normal peak at zero, of 95 % probability."""
+    xs, yaws = (np.linspace(-4.0, 4.0, 17) * s for s in (sigma[0], sigma[2]))
+    log_p = -0.5 * (
+        (yaws / sigma[2])[:, None, None] ** 2 + (xs / sigma[1])[:, None] ** 2 + (xs / sigma[0]) ** 2
+    )
+    piece = Posterior(headings_rad=yaws, ys_m=xs, xs_m=xs, log_p_HYX=log_p).normalised()
+    flat = replace(piece, log_p_HYX=np.zeros_like(log_p)).normalised()
+    rest = replace(flat, log_p_HYX=flat.log_p_HYX + math.log(0.05))
+    return RefinedPosterior(coarse=flat, pieces=(piece,), masses=np.array([0.95]), rest=rest)
+
+
+def _nees(calibration: Calibration, reading: Reading) -> float:
+    best = reading.posterior.sharpened(calibration.sharpness).best()
+    error = (best.mean.inverse() @ reading.theta).as_array()
+    return float(error @ np.linalg.inv(calibration.covariance(best.covariance)) @ error)
+
+
+def _window():
+    return misplaced(rooms(np.random.default_rng(1)), SE2(0.6, -0.4, 0.2), cells=192, cell_m=0.1)
+
+
+def test_an_estimator_reads_its_posterior_as_it_is_calibrated():
+    torch.manual_seed(0)
+    model = (
+        MatcherConfig(cell_m=0.1, coarse_factor=2, fine_factor=1, channels=8, dilations=(1,)).build().eval()
+    )
+    calibration = Calibration(sharpness=3.0, scale=0.5, floor_m=0.02, floor_rad=0.01, least_mass=0.0)
+    raw = MatcherEstimator(model=model).posterior(_window())
+    read = MatcherEstimator(model=model, calibration=calibration)
+    for mine, theirs in zip(raw.sharpened(3.0).pieces, read.posterior(_window()).pieces, strict=True):
+        np.testing.assert_allclose(mine.log_p_HYX, theirs.log_p_HYX, atol=1e-9)
+    estimate, best = read(_window()), read.posterior(_window()).best()
+    assert estimate.covariance is not None
+    np.testing.assert_allclose(
+        estimate.covariance, 0.5 * best.covariance + np.diag([4e-4, 4e-4, 1e-4]), rtol=1e-9
+    )
+    assert not estimate.ambiguous
+    sure = Calibration(least_mass=1.0)
+    assert MatcherEstimator(model=model, calibration=sure)(_window()).ambiguous
+
+
+def test_sharpening_leaves_a_prior_as_wide_as_it_is():
+    model = (
+        MatcherConfig(cell_m=0.1, coarse_factor=2, fine_factor=1, channels=8, dilations=(1,)).build().eval()
+    )
+    with torch.no_grad():  # maps tell nothing
+        model.fine_log_scale.fill_(-100.0)
+        model.coarse_log_scale.fill_(-100.0)
+    prior = Gaussian(mean=SE2(0.1, 0.0, 0.0), covariance=np.diag([0.03**2, 0.04**2, 0.01**2]))
+    estimator = MatcherEstimator(
+        model=model,
+        search=SearchRange(xy_m=1.0, yaw_rad=0.3),
+        priors=(prior,),
+        calibration=Calibration(sharpness=8.0),
+    )
+    found = estimator.posterior(_window()).best()
+    np.testing.assert_allclose(np.diag(found.covariance), np.diag(prior.covariance), rtol=0.15)
+
+
+def test_a_calibration_is_kept_as_numbers():
+    calibration = Calibration(sharpness=2.0, scale=0.3, floor_m=0.004, floor_rad=0.002, least_mass=0.8)
+    assert Calibration.from_dict(calibration.as_dict()) == calibration
+    with pytest.raises(ConfigError, match="must hold numbers"):
+        Calibration.from_dict({**calibration.as_dict(), "scale": "wide"})
+    with pytest.raises(ConfigError, match="least_mass"):
+        Calibration.from_dict({**calibration.as_dict(), "least_mass": 1.5})
