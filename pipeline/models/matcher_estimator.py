@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from pipeline.alignment.estimate import Estimate
-from pipeline.alignment.window import MapWindow, SearchRange
+from pipeline.alignment.window import DEFAULT_SEARCH, MapWindow, SearchRange
 from pipeline.errors import ConfigError
 from pipeline.geometry.occupancy_grid import Cells
 from pipeline.geometry.se2 import SE2, Array
@@ -21,9 +21,6 @@ from pipeline.models.matcher import Features, Matcher
 from pipeline.models.matcher_calibration import Calibration
 from pipeline.models.posterior import WHOLE, Gaussian, Mode, Posterior, log_prior, log_sum_exp
 from pipeline.models.refined_posterior import RefinedPosterior
-
-DEFAULT_SEARCH = SearchRange.covering(xy_m=2.0, yaw_rad=math.pi / 4)
-"""Reaches every frame error of the range that the paper's table implies."""
 
 FIRST_LOOK = ((3, math.radians(1.0)), (6, 0.05), (6, 0.05))
 """Around a coarse peak, along heading, y and x: cells on either side, and their size [rad, m, m]."""

@@ -8,9 +8,10 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 
+from pipeline.alignment.window import DEFAULT_SEARCH
 from pipeline.errors import ConfigError
 from pipeline.models.matcher_calibration import Calibration, Reading, fitted
-from pipeline.models.matcher_estimator import DEFAULT_SEARCH, MatcherEstimator
+from pipeline.models.matcher_estimator import MatcherEstimator
 from pipeline.progress import meter
 from pipeline.stages.trained_estimators import load
 from pipeline.store.disk import Disk
