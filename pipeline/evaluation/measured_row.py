@@ -40,9 +40,20 @@ class Conditions:
     commit: str
     hardware: str
 
-    def same_range(self, other: Conditions) -> bool:
-        """Whether frame errors were drawn from the same range, so that errors can stand in one table."""
-        return (self.xy_range_m, self.yaw_range_deg) == (other.xy_range_m, other.yaw_range_deg)
+    def comparable(self, other: Conditions) -> bool:
+        """Whether split and range of the frame errors are the same, so that errors can stand in one table."""
+        mine, others = ((c.split, c.xy_range_m, c.yaw_range_deg) for c in (self, other))
+        return mine == others
+
+    def same_pairs(self, other: Conditions) -> bool:
+        """Whether the very same pairs were measured, wrong by the same frame errors."""
+        mine, others = ((c.split, c.data_digest, c.perturbation_digest) for c in (self, other))
+        return mine == others
+
+    def file_name(self, method: str) -> str:
+        """Under which a method's row is kept: the latest of each split and range."""
+        split = "" if self.split == "test" else f"-{self.split}"
+        return f"{method}-{self.xy_range_m:g}m-{self.yaw_range_deg:g}deg{split}.json"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -72,12 +83,22 @@ class Training:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MeasuredRow:
-    """One method under some conditions; `training` is None for what is not learned."""
+    """One method under some conditions.
+
+    Attributes:
+        method: its name.
+        conditions: what it was measured on.
+        summary: its figures.
+        training: None for what is not learned.
+        plans_trained_on: how many of the measured floor plans it was trained on; None if that is not known,
+            or if it is not learned.
+    """
 
     method: str
     conditions: Conditions
     summary: Summary
     training: Training | None
+    plans_trained_on: int | None = None
 
     @property
     def has_learned(self) -> bool:
@@ -85,11 +106,6 @@ class MeasuredRow:
         zero_m = 0.5 * self.conditions.xy_range_m
         x_m, y_m, _ = (mean.value for mean in self.summary.overall.mean)
         return 0.5 * (x_m + y_m) < _LEARNED_SHARE * zero_m
-
-    def file_name(self) -> str:
-        """Under which the row is kept: the latest of each method and range."""
-        c = self.conditions
-        return f"{self.method}-{c.xy_range_m:g}m-{c.yaw_range_deg:g}deg.json"
 
     def to_json(self) -> dict[str, Any]:
         """Values as JSON holds them."""
@@ -102,6 +118,7 @@ class MeasuredRow:
             "method": self.method,
             "conditions": asdict(self.conditions),
             "training": training,
+            "plans_trained_on": self.plans_trained_on,
             "summary": self.summary.to_json(),
         }
 
@@ -124,6 +141,8 @@ class MeasuredRow:
                 conditions=Conditions(**values["conditions"]),
                 summary=Summary.from_json(values["summary"]),
                 training=training,
+                # Rows that were recorded before this was counted have no such key.
+                plans_trained_on=values.get("plans_trained_on"),
             )
         except (KeyError, TypeError, ValueError, AttributeError) as error:
             raise StoreError(

@@ -14,7 +14,7 @@ from pipeline.evaluation.canvas import BLUE, INK, MUTED, RED, Colour
 from pipeline.evaluation.estimates import SUCCESS_M, SUCCESS_RAD, Outcomes, Pairs
 from pipeline.evaluation.summary import OVERLAP_EDGES
 from pipeline.evaluation.table_one import title
-from pipeline.evaluation.training_curve import TrainingCurve
+from pipeline.evaluation.training_curve import TrainingCurve, doubt
 from pipeline.geometry.occupancy_grid import Mask
 
 try:
@@ -175,8 +175,9 @@ def curve_chart(curves: Mapping[str, TrainingCurve]) -> bytes | None:
         figure = Figure(figsize=(_WIDTH_IN, 4.2), layout="constrained")
         left, right = figure.subplots(1, 2)
         for name, curve in curves.items():
-            style = {"color": _rgb(COLOURS[name]), "lw": 1.8, "ls": "-" if curve.converged else (0, (5, 2))}
-            label = title(name) + ("" if curve.converged else ", not converged")
+            against = doubt(curve)
+            style = {"color": _rgb(COLOURS[name]), "lw": 1.8, "ls": (0, (5, 2)) if against else "-"}
+            label = f"{title(name)}, {against}" if against else title(name)
             left.plot(curve.samples, curve.position_m, marker="o", ms=3, label=label, **style)
             right.plot(curve.samples, np.degrees(curve.yaw_rad), marker="o", ms=3, **style)
         left.set(xscale="log", yscale="log", xlabel="training samples", ylabel="mean |x|, |y| error [m]")

@@ -6,11 +6,12 @@ import math
 from collections.abc import Mapping, Sequence
 
 from pipeline.evaluation.calibration import LEVELS, Calibration
-from pipeline.evaluation.html_page import Cell, Html, Piece, badge, joined, table
-from pipeline.evaluation.measured_row import MeasuredRow
+from pipeline.evaluation.html_page import Cell, Html, badge, joined, table
+from pipeline.evaluation.measured_row import Conditions, MeasuredRow
 from pipeline.evaluation.statistics import Interval
 from pipeline.evaluation.summary import OVERLAP_BINS, Accuracy, Comparison
 from pipeline.evaluation.table_one import ABLATION, OWN_METHODS, PAPER, PaperRow, title
+from pipeline.evaluation.training_curve import doubt
 
 _DASH = "–"
 Rows = Mapping[str, MeasuredRow]
@@ -92,27 +93,40 @@ def _source(name: str, rows: Rows, measured: Sequence[str]) -> Cell:
         return Cell(main=badge("not trained", "missing"), kind="words")
     row = rows[name]
     where = badge("measured", "measured") if name in measured else badge("recorded", "recorded")
-    told = [_conditions(row)] if name not in measured else []
-    unfinished: Piece = ""
+    told = [] if name in measured else [_conditions(row.conditions, rows[measured[0]].conditions)]
     if row.training is not None:
         t = row.training
         minutes = "" if t.minutes is None else f", {t.minutes:.1f} min"
         told.append(f"seed {t.seed}, {t.samples:,} samples{minutes}")
-        if not row.has_learned:
-            unfinished = badge("has not learned", "warning")
-        elif t.curve is not None and not t.curve.converged:
-            unfinished = badge("not converged", "warning")
-    return Cell(main=joined(where, " ", unfinished), small="; ".join(told), kind="words")
+        if row.plans_trained_on is None:
+            told.append("whether it was trained on these plans is not known")
+    badges = [joined(" ", badge(words, "warning")) for words in _warnings(row)]
+    return Cell(main=joined(where, *badges), small="; ".join(told), kind="words")
 
 
-def _conditions(row: MeasuredRow) -> str:
-    c = row.conditions
+def _warnings(row: MeasuredRow) -> list[str]:
+    """What should make one doubt the figures of a learned method."""
+    if row.training is None:
+        return []
+    against = doubt(row.training.curve) if row.has_learned else "has not learned"
+    known, plans = row.plans_trained_on, row.conditions.plans
+    return [
+        *([against] if against else []),
+        *([f"trained on {known} of these {plans} plans"] if known else []),
+    ]
+
+
+def _conditions(c: Conditions, here: Conditions) -> str:
+    """What a recorded row was measured on, and what it has in common with the measured ones."""
     commit = f", commit {c.commit[:9]}" if c.commit else ""
-    return f"{c.pairs:,} pairs of data {c.data_digest[:9]}{commit}"
+    other = "" if c.same_pairs(here) else f", not the {here.pairs:,} of {here.split} measured here"
+    return f"{c.pairs:,} pairs of {c.split}{other}, data {c.data_digest[:9]}{commit}"
 
 
-def _name(name: str, measured: Sequence[str]) -> Cell:
-    return Cell(main=title(name), small="" if name in measured else "recorded", kind="name")
+def _name(name: str, rows: Rows, measured: Sequence[str]) -> Cell:
+    c = rows[name].conditions
+    small = "" if name in measured else f"recorded, {c.pairs:,} pairs of {c.split}"
+    return Cell(main=title(name), small=small, kind="name")
 
 
 def overlap_table(rows: Rows, measured: Sequence[str]) -> Html:
@@ -128,7 +142,7 @@ def overlap_table(rows: Rows, measured: Sequence[str]) -> Html:
     ]
     body: list[list[Cell | None]] = []
     for name, row in rows.items():
-        cells: list[Cell | None] = [_name(name, measured)]
+        cells: list[Cell | None] = [_name(name, rows, measured)]
         for b, found in enumerate(row.summary.by_overlap):
             cells += _bin_cells(found, best=_best_of_bin({n: rows[n] for n in measured}, b) == name)
         body.append(cells)
@@ -206,7 +220,7 @@ def calibration_table(rows: Rows, measured: Sequence[str]) -> Html:
         w = row.summary.warnings
         body.append(
             [
-                _name(name, measured),
+                _name(name, rows, measured),
                 *(
                     Cell(main=share_words(share.value), small=_share_range(share))
                     for share in (w.flagged, w.wrong_unflagged, w.wrong_flagged)
@@ -234,7 +248,7 @@ def time_table(rows: Rows, measured: Sequence[str]) -> Html:
     header = [[(w, 1) for w in ("method", "median ms", "95 % below ms", "T̂ misplaces robot 1 by m", "")]]
     body: list[list[Cell | None]] = [
         [
-            _name(name, measured),
+            _name(name, rows, measured),
             Cell(main=f"{1000.0 * row.summary.duration_median_s:.1f}"),
             Cell(main=f"{1000.0 * row.summary.duration_p95_s:.1f}"),
             Cell(

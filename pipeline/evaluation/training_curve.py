@@ -42,20 +42,20 @@ class TrainingCurve:
         )
 
     @property
-    def converged(self) -> bool:
-        """Whether the error has all but stopped to fall; not known, so no, of less than four points.
+    def converged(self) -> bool | None:
+        """Whether the error has all but stopped to fall; None where there are too few points to tell.
 
-        The mean over the last quarter of the samples against that over the quarter before, so that the noise
-        of single points counts for little.
+        The median point of the last quarter of the samples against that of the quarter before, of two points
+        the lower one: at some points a single pair on which the model fails raises the mean by half.
         """
         if len(self.samples) < 4:
-            return False
+            return None
         spent = self.samples / self.samples[-1]
         last, before = spent > 0.75, (spent > 0.5) & (spent <= 0.75)
         if not before.any():
-            return False
+            return None
         return all(
-            float(error[last].mean()) >= (1.0 - STILL_FALLING) * float(error[before].mean())
+            _lower_median(error[last]) >= (1.0 - STILL_FALLING) * _lower_median(error[before])
             for error in (self.position_m, self.yaw_rad)
         )
 
@@ -75,3 +75,15 @@ class TrainingCurve:
             name: np.array(fields[name], dtype=np.float64) for name in ("samples", "position_m", "yaw_rad")
         }
         return TrainingCurve(**columns, minutes=float(fields["minutes"]))
+
+
+def doubt(curve: TrainingCurve | None) -> str:
+    """What there is to say against a row with such a curve, in words; empty if training came to its end."""
+    converged = None if curve is None else curve.converged
+    if converged is None:
+        return "convergence not known"
+    return "" if converged else "not converged"
+
+
+def _lower_median(values: Array) -> float:
+    return float(np.quantile(values, 0.5, method="lower"))

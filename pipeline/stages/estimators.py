@@ -162,6 +162,17 @@ def training_of(method: Method, record: Mapping[str, Any]) -> Training:
         ) from error
 
 
+def plans_trained_on(record: Mapping[str, Any], plans: Mapping[str, str]) -> int | None:
+    """How many floor plans a trained method knows from its training; None if its record does not tell.
+
+    Args:
+        record: what the weights' file tells of it; holds the first digits of the digests of its plans.
+        plans: digests by the plan's id.
+    """
+    known = record["data"].get("plan_digests")
+    return None if known is None else sum(digest.startswith(tuple(known)) for digest in plans.values())
+
+
 def _curve(weights: Path, record: Mapping[str, Any]) -> TrainingCurve | None:
     """The curve beside weights, if it is of the run that they are from."""
     path = next(

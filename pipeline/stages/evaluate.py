@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from importlib import metadata
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from rich.console import Console
@@ -25,13 +25,24 @@ from pipeline.evaluation.statistics import resample_weights
 from pipeline.evaluation.summary import comparisons, ranking, summary
 from pipeline.evaluation.table_one import METHODS
 from pipeline.seeds import stream
-from pipeline.stages.estimators import ROOT, Method, chosen_methods, trained, training_of
+from pipeline.stages.estimators import (
+    ROOT,
+    Method,
+    chosen_methods,
+    plans_trained_on,
+    trained,
+    training_of,
+)
 from pipeline.stages.measured_pairs import Trial, measured, perturbation_json
+from pipeline.stages.recorded_rows import RecordedRows
 from pipeline.store.disk import Disk
 from pipeline.store.read import StageReader, read_json
 from pipeline.store.records import digest_of, json_bytes
 from pipeline.training.pairs import SPLIT_NAMES, PairTable, read_pairs
 from pipeline.training.perturbation import PerturbationRange, perturbed_pair
+
+if TYPE_CHECKING:
+    from pipeline.stages.trained_estimators import Trained
 
 PAGE, METRICS, PERTURBATIONS = "index.html", "metrics.json", "perturbations.json"
 METRICS_KEY = "frame_error"
@@ -82,12 +93,13 @@ class Evaluation:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Result:
-    """What one method came to; `attention` by number of the pair."""
+class _Contender:
+    """A method that is ready to be measured; without a network, all else is None."""
 
-    outcomes: Outcomes
+    method: Method
+    network: Trained | None
     training: Training | None
-    attention: Any
+    plans_trained_on: int | None
 
 
 def evaluate(settings: Evaluation) -> Path:
@@ -98,7 +110,8 @@ def evaluate(settings: Evaluation) -> Path:
 
     Raises:
         StoreError: the dataset, weights or recorded rows are missing or damaged, or nothing can be written.
-        ConfigError: a split, method or range that there is not, or weights of another model.
+        ConfigError: a split, method or range that there is not, weights of another model, or a recorded row
+            of more pairs.
         SetupError: a package is missing.
     """
     if settings.split not in SPLIT_NAMES:
@@ -110,10 +123,15 @@ def evaluate(settings: Evaluation) -> Path:
     )
     pairs = read_pairs(StageReader(settings.dataset, "pack"), settings.split)
     trial = Trial.of(pairs, _drawn(pairs, settings), range_, seed=settings.seed)
-    results = {method.name: _result(method, trial, settings) for method in methods}
-    content = _content(trial, results, settings)
+    # All that can be wrong with files shows here, and not after an hour of measuring.
+    contenders = {method.name: _contender(method, trial, settings) for method in methods}
+    conditions, recorded = _conditions(trial, settings), RecordedRows.read(settings.records)
     if settings.record:
-        _record(content, settings)
+        recorded.require_no_loss(contenders, conditions)
+    found = {name: _measured(contender, trial, settings) for name, contender in contenders.items()}
+    content = _content(trial, conditions, contenders, found, recorded, settings)
+    if settings.record:
+        recorded.keep((content.rows[name] for name in found), settings.console)
     _write(content, trial, settings)
     return settings.folder / PAGE
 
@@ -124,38 +142,56 @@ def _drawn(pairs: PairTable, settings: Evaluation) -> Sequence[int]:
     return sorted(int(index) for index in order[: settings.count])
 
 
-def _result(method: Method, trial: Trial, settings: Evaluation) -> _Result:
-    loaded = trained(method, threads=settings.workers) if method.learned else None
-    return _Result(
-        outcomes=measured(
-            method,
-            None if loaded is None else loaded.estimator,
-            trial,
-            folder=settings.folder,
-            workers=settings.workers,
-            console=settings.console,
-        ),
-        training=None if loaded is None else training_of(method, loaded.record),
-        attention=None if loaded is None else loaded.attention,
+def _contender(method: Method, trial: Trial, settings: Evaluation) -> _Contender:
+    """Load what there is to load, and tell if it knows the test already."""
+    if not method.learned:
+        return _Contender(method=method, network=None, training=None, plans_trained_on=None)
+    network = trained(method, threads=settings.workers)
+    training = training_of(method, network.record)
+    plans = dict(zip(trial.column("plan_id"), trial.column("plan_digest"), strict=True))
+    known = plans_trained_on(network.record, plans)
+    if known:
+        settings.console.print(
+            f"evaluate {method.name}: warning: trained on {known} of these {len(plans)} floor plans; its "
+            "errors on plans that it never saw may be larger than these",
+            highlight=False,
+            soft_wrap=True,
+        )
+    return _Contender(method=method, network=network, training=training, plans_trained_on=known)
+
+
+def _measured(contender: _Contender, trial: Trial, settings: Evaluation) -> Outcomes:
+    return measured(
+        contender.method,
+        None if contender.network is None else contender.network.estimator,
+        trial,
+        folder=settings.folder,
+        workers=settings.workers,
+        console=settings.console,
     )
 
 
-def _content(trial: Trial, results: Mapping[str, _Result], settings: Evaluation) -> ReportContent:
-    conditions = _conditions(trial, settings)
+def _content(
+    trial: Trial,
+    conditions: Conditions,
+    contenders: Mapping[str, _Contender],
+    found: Mapping[str, Outcomes],
+    recorded: RecordedRows,
+    settings: Evaluation,
+) -> ReportContent:
     pairs = Pairs.of(np.array(trial.column("overlap")), trial.column("plan_id"))
     weights = resample_weights(pairs.plan, rng=stream(settings.seed, "evaluation", "bootstrap"))
-    found = {name: result.outcomes for name, result in results.items()}
-    rows = {
+    rows = recorded.beside(conditions) | {
         name: MeasuredRow(
             method=name,
             conditions=conditions,
-            summary=summary(result.outcomes, pairs, weights),
-            training=result.training,
+            summary=summary(outcomes, pairs, weights),
+            training=contenders[name].training,
+            plans_trained_on=contenders[name].plans_trained_on,
         )
-        for name, result in results.items()
+        for name, outcomes in found.items()
     }
-    rows = _recorded(conditions, settings.records) | rows
-    gallery, attention = _pictures(trial, results, pairs)
+    gallery, attention = _pictures(trial, contenders, found, pairs)
     return ReportContent(
         conditions=conditions,
         found=found,
@@ -169,22 +205,10 @@ def _content(trial: Trial, results: Mapping[str, _Result], settings: Evaluation)
     )
 
 
-def _recorded(conditions: Conditions, folder: Path) -> dict[str, MeasuredRow]:
-    """Rows of earlier runs over the same range, by method."""
-    disk = Disk(str(folder))
-    kept = [
-        MeasuredRow.from_json(read_json(disk, name) or {}, where=disk.shown(name))
-        for name in disk.names()
-        if name.endswith(".json")
-    ]
-    return {row.method: row for row in kept if row.conditions.same_range(conditions)}
-
-
 def _pictures(
-    trial: Trial, results: Mapping[str, _Result], pairs: Pairs
+    trial: Trial, contenders: Mapping[str, _Contender], found: Mapping[str, Outcomes], pairs: Pairs
 ) -> tuple[list[Shown], dict[str, list[Panel]]]:
     """The gallery, and what networks look at in its pairs."""
-    found = {name: result.outcomes for name, result in results.items()}
     # Without a correction a pair is as it was given, which is drawn already.
     drawn = {name: outcomes for name, outcomes in found.items() if name != "identity"}
     gallery: list[Shown] = []
@@ -194,21 +218,12 @@ def _pictures(
         sample = perturbed_pair(pair, perturbation)
         shown = panels(pair, sample, drawn, chosen.index)
         gallery.append(Shown(pair_id=pair.pair_id, why=chosen.why, overlap=pair.overlap, panels=tuple(shown)))
-        for name, result in results.items():
-            if result.attention is not None:
-                picture = attention_panel(sample.window, result.attention(sample.window))
+        for name, contender in contenders.items():
+            if contender.network is not None and contender.network.attention is not None:
+                picture = attention_panel(sample.window, contender.network.attention(sample.window))
                 panel = Panel(name=chosen.why, image=picture, position_m=None, heading_rad=None)
                 attention.setdefault(name, []).append(panel)
     return gallery, attention
-
-
-def _record(content: ReportContent, settings: Evaluation) -> None:
-    """Keep what was measured now."""
-    disk = Disk(str(settings.records))
-    for name in content.found:
-        row = content.rows[name]
-        disk.write(row.file_name(), json_bytes(row.to_json()))
-        settings.console.print(f"recorded {disk.shown(row.file_name())}", highlight=False)
 
 
 def _write(content: ReportContent, trial: Trial, settings: Evaluation) -> None:

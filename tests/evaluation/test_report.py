@@ -14,7 +14,7 @@ from pipeline.evaluation.gallery import panels
 from pipeline.evaluation.measured_row import Conditions, MeasuredRow, Training
 from pipeline.evaluation.report import ReportContent, report
 from pipeline.evaluation.report_gallery import Shown
-from pipeline.evaluation.report_tables import comparison_table
+from pipeline.evaluation.report_tables import comparison_table, table_one
 from pipeline.evaluation.statistics import Interval, resample_weights
 from pipeline.evaluation.summary import Comparison, comparisons, summary
 from pipeline.evaluation.training_curve import TrainingCurve
@@ -138,6 +138,53 @@ def test_a_recorded_row_tells_where_it_is_from_and_that_it_has_not_converged(pag
     assert page.count('badge measured">measured') == 2
 
 
+def _source_of(content, row: MeasuredRow) -> str:
+    """The line of Table I on `vit-lie`."""
+    body = table_one({**content.rows, "vit-lie": row}, list(content.found)).text
+    (line,) = [line for line in body.split("<tr") if 'class="name">ViT + Lie<' in line]
+    return line
+
+
+def test_without_a_curve_or_with_a_short_one_convergence_is_not_known(content):
+    short = replace(FALLING, samples=np.ones(2), position_m=np.ones(2), yaw_rad=np.ones(2))
+    for curve in (None, short):
+        row = replace(content.rows["vit-lie"], training=replace(TRAINING, curve=curve))
+        assert "convergence not known" in _source_of(content, row)
+        assert "not converged" not in _source_of(content, row)
+
+
+def test_a_recorded_row_tells_what_it_was_measured_on_where_that_differs(content):
+    row = content.rows["vit-lie"]
+    assert "3 pairs of test, data ddddddddd" in _source_of(content, row)
+    other = replace(row, conditions=replace(CONDITIONS, pairs=7, perturbation_digest="q" * 64))
+    assert "7 pairs of test, not the 3 of test measured here" in _source_of(content, other)
+    page = report(replace(content, rows={**content.rows, "vit-lie": other}))
+    assert page.count("recorded, 7 pairs of test") == 3  # by overlap, calibration, time
+
+
+def test_plans_that_a_row_was_trained_on_are_told(content):
+    row = content.rows["vit-lie"]
+    assert "whether it was trained on these plans is not known" in _source_of(content, row)
+    assert "plans" not in _source_of(content, replace(row, plans_trained_on=0))
+    assert 'badge warning">trained on 2 of these 3 plans<' in _source_of(
+        content, replace(row, plans_trained_on=2)
+    )
+
+
+@pytest.mark.parametrize(
+    ("change", "name"),
+    [
+        ({}, "orb-2m-45deg.json"),
+        ({"split": "validation"}, "orb-2m-45deg-validation.json"),
+        ({"yaw_range_deg": 30.5}, "orb-2m-30.5deg.json"),
+    ],
+)
+def test_rows_that_are_not_comparable_have_names_of_their_own(change, name):
+    other = replace(CONDITIONS, **change)
+    assert other.file_name("orb") == name
+    assert other.comparable(CONDITIONS) == (not change)
+
+
 def test_the_best_of_each_column_is_marked_and_the_paper_stands_beside(page):
     (line,) = [line for line in page.split("<tbody>")[1].split("<tr") if "Correlative" in line]
     assert 'class="number best">0.050' in line
@@ -151,11 +198,13 @@ def test_a_network_at_the_error_of_answering_zero_has_not_learned(content):
     assert "has not learned" in report(replace(content, rows={**content.rows, "vit-lie": row}))
 
 
-def test_a_recorded_row_survives_json_and_keeps_its_name(content):
+def test_a_recorded_row_survives_json(content):
     row = content.rows["vit-lie"]
+    row = replace(row, plans_trained_on=1)
     after = MeasuredRow.from_json(row.to_json(), where="here")
+    older = {key: value for key, value in row.to_json().items() if key != "plans_trained_on"}
+    assert MeasuredRow.from_json(older, where="here").plans_trained_on is None
     assert after.to_json() == row.to_json()
-    assert after.file_name() == "vit-lie-2m-45deg.json"
     assert after.training.curve.minutes == 8.0
 
 

@@ -110,6 +110,39 @@ def test_rows_of_another_range_do_not_come_into_the_table(shown, data, tmp_path)
     assert max(_mean(metrics, "identity")[:2]) < np.sqrt(2.0)
 
 
+def test_rows_of_another_split_do_not_come_into_the_table_and_overwrite_nothing(shown, data, tmp_path):
+    records = tmp_path / "records"
+    metrics, _ = _evaluate(
+        data, tmp_path, "identity", count=2, split="validation", records=records, record=True
+    )
+    assert metrics["conditions"]["split"] == "validation"
+    assert [path.name for path in records.iterdir()] == ["identity-2m-45deg-validation.json"]
+    (records / "correlative-2m-45deg.json").write_bytes(
+        (shown[0] / "records" / "correlative-2m-45deg.json").read_bytes()
+    )
+    for split, there in (("validation", {"identity"}), ("test", {"identity", "correlative"})):
+        metrics, _ = _evaluate(data, tmp_path, "identity", count=2, split=split, records=records)
+        assert set(metrics["methods"]) == there
+        assert metrics["methods"]["identity"]["conditions"]["split"] == split
+    page = (tmp_path / "index.html").read_text()
+    assert "5 pairs of test, not the 2 of test measured here" in page
+
+
+def test_a_row_of_more_pairs_is_not_recorded_over(shown, data, tmp_path):
+    records = shown[0] / "records"
+    before = (records / "identity-2m-45deg.json").read_bytes()
+    given = ["evaluate", "--data", str(data), "--methods", "identity", "--report", str(tmp_path / "r")]
+    given += ["--workers", "1", "--records", str(records), "--record"]
+    result = CliRunner().invoke(app, [*given, "--count", "4"])
+    assert result.exit_code == 2
+    assert result.stderr.startswith(f"rendezvous: {records}/identity-2m-45deg.json: recorded from 5 pairs, ")
+    assert "replace by 4; measure as many, name another folder with --records, or delete" in result.stderr
+    assert result.stderr.count("\n") == 1
+    assert not (tmp_path / "r").exists()
+    assert (records / "identity-2m-45deg.json").read_bytes() == before
+    assert CliRunner().invoke(app, [*given, "--count", "5"]).exit_code == 0
+
+
 def test_a_method_more_leaves_what_was_measured_before(data, tmp_path):
     before, told = _evaluate(data, tmp_path, "identity", count=3)
     assert "as measured before" not in told
@@ -179,6 +212,7 @@ def test_a_damaged_recorded_row_is_told(data, tmp_path):
     result = CliRunner().invoke(app, [*given, "--records", str(tmp_path), "--count", "1"])
     assert result.exit_code == 2
     assert "orb-2m-45deg.json: no recorded row" in result.stderr
+    assert not (tmp_path / "r").exists()
 
 
 def test_a_missing_matplotlib_is_told_before_anything_is_measured(monkeypatch):
@@ -286,10 +320,30 @@ def test_a_trained_network_is_measured_with_its_history_and_its_attention(networ
 def test_weights_that_cannot_be_used_are_told(network, data, tmp_path, name, kept, said):
     path = tmp_path / "w.safetensors"
     path.write_bytes(network.read_bytes()[:kept])
-    given = ["evaluate", "--data", str(data), "--methods", name, "--report", str(tmp_path / "r")]
+    given = ["evaluate", "--data", str(data), "--methods", f"identity,{name}"]
+    given += ["--report", str(tmp_path / "r"), "--workers", "1"]
     result = CliRunner().invoke(app, [*given, "--weights", f"{name}={path}"])
     assert result.exit_code == 2
     assert said in result.stderr
+    assert not (tmp_path / "r").exists(), "something was measured before"
+
+
+def test_a_network_that_knows_the_measured_plans_is_told_and_marked(data, tmp_path):
+    plans = sorted(set(read_pairs(synthetic_run(data).read("pack"), "test").table["plan_digest"].to_pylist()))
+    assert len(plans) > 2
+    weights = _trained(
+        tmp_path / "run", "vit-lie", TINY_VIT, trained_on=(plans[0][:12], plans[2][:12], "f" * 12)
+    )
+    given = {"weights": {"vit-lie": weights}, "records": tmp_path / "records"}
+    metrics, told = _evaluate(data, tmp_path, "identity", "vit-lie", record=True, **given)
+    assert told.count("trained on 2 of these") == 1
+    assert f"warning: trained on 2 of these {len(plans)} floor plans" in told
+    for _ in ("measured", "recorded"):
+        rows = metrics["methods"]
+        assert (rows["vit-lie"]["plans_trained_on"], rows["identity"]["plans_trained_on"]) == (2, None)
+        assert f"trained on 2 of these {len(plans)} plans</span>" in (tmp_path / "index.html").read_text()
+        metrics, _ = _evaluate(data, tmp_path, "identity", count=2, **given)
+    assert metrics["methods"]["vit-lie"]["source"] == "recorded"
 
 
 def test_the_curve_of_another_run_is_not_shown(network, data, tmp_path):
