@@ -22,7 +22,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from pipeline.alignment.window import FREE_CELL, OCCUPIED_CELL
-from pipeline.errors import ConfigError
+from pipeline.errors import ConfigError, require_within
 from pipeline.models import lie
 
 TOKENS_PER_SIDE = 12
@@ -59,16 +59,15 @@ class FrameErrorConfig:
     heads: int = 8
 
     def __post_init__(self) -> None:
+        require_within(self, cell_m=(1e-3, 1e3), width=(8, 65536), depth=(1, 1024), heads=(1, 1024))
         halvings = self.cells // TOKENS_PER_SIDE
         if halvings < 2 or self.cells != halvings * TOKENS_PER_SIDE or halvings & (halvings - 1):
             raise ConfigError(f"frame error: cells is {self.cells}; must be 12 times 2, 4, 8 or 16 ...")
         group = 8 << (self.halvings - 1)
-        if self.width < 1 or self.width % self.heads or self.width % group:
+        if self.width % self.heads or self.width % group:
             raise ConfigError(
                 f"frame error: width is {self.width}; must be a multiple of {self.heads} heads and of {group}"
             )
-        if self.depth < 1 or self.cell_m <= 0.0:
-            raise ConfigError(f"frame error: depth {self.depth}, cell_m {self.cell_m}; must be positive")
 
     @property
     def halvings(self) -> int:

@@ -25,7 +25,7 @@ from torch.nn import functional
 
 from pipeline.alignment.sight import OPEN_CELL, ROBOT_CELL
 from pipeline.alignment.window import OCCUPIED_CELL, UNKNOWN_CELL
-from pipeline.errors import ConfigError
+from pipeline.errors import ConfigError, require_within
 from pipeline.models import se2_correlation
 from pipeline.models.matcher_loss import LossSampling, matcher_loss
 
@@ -58,6 +58,22 @@ class MatcherConfig:
     heading_step_rad: float = math.radians(3.0)
 
     def __post_init__(self) -> None:
+        require_within(
+            self,
+            cell_m=(1e-3, 10.0),
+            coarse_factor=(1, 64),
+            fine_factor=(1, 64),
+            channels=(1, 4096),
+            coarse_features=(1, 4096),
+            fine_channels=(1, 4096),
+            fine_features=(1, 4096),
+            reach_cells=(0, 4096),
+            heading_step_rad=(math.radians(0.1), math.radians(60.0)),
+        )
+        if not all(1 <= dilation <= 256 for dilation in self.dilations):
+            raise ConfigError(
+                f"MatcherConfig: dilations is {list(self.dilations)}; each must be from 1 to 256"
+            )
         if self.coarse_factor % self.fine_factor:
             raise ConfigError(
                 f"matcher: fine_factor is {self.fine_factor}; must divide {self.coarse_factor}, the other"

@@ -34,6 +34,8 @@ Record = TypeVar("Record")
 DEFAULT_MODEL = "matcher"
 PAPER_ROWS: dict[str, AblationRow] = {row.name: row for row in ABLATION_ROWS}
 MODEL_NAMES = (DEFAULT_MODEL, *PAPER_ROWS)
+_FIXED = ("vit", "lie", "cell_m")
+"""Of the configurations, what follows from the model's name and from the window."""
 
 
 def build_model(name: str, settings: Mapping[str, Any], sampling: Sampling, *, seed: int) -> FrameErrorModel:
@@ -52,17 +54,13 @@ def build_model(name: str, settings: Mapping[str, Any], sampling: Sampling, *, s
         raise ConfigError(f"train.model is {name!r}; must be one of {', '.join(MODEL_NAMES)}")
     torch.manual_seed(seed)
     if name == DEFAULT_MODEL:
-        config = _filled(MatcherConfig, {"cell_m": sampling.window_cell_m, **settings}, name)
+        config = _filled(MatcherConfig, {"cell_m": sampling.window_cell_m}, settings, name)
+        _check_divides_window("coarse_factor", config.coarse_factor, sampling)
         return MatcherModel(Matcher(config), sampling)
     row = PAPER_ROWS[name]
-    cells = settings.get("cells", FrameErrorConfig(vit=row.vit).cells)
-    window_m = sampling.window_cells * sampling.window_cell_m
-    fixed = {"vit": row.vit, "lie": row.lie, "cell_m": window_m / max(cells, 1)}
-    paper = _filled(FrameErrorConfig, {**settings, **fixed}, name)
-    if sampling.window_cells % paper.cells:
-        raise ConfigError(
-            f"train.settings: cells is {paper.cells}; must divide the window's {sampling.window_cells}"
-        )
+    paper = _filled(FrameErrorConfig, {"vit": row.vit, "lie": row.lie}, settings, name)
+    _check_divides_window("cells", paper.cells, sampling)
+    paper = replace(paper, cell_m=sampling.window_cell_m * (sampling.window_cells / paper.cells))
     return PaperModel(build_frame_error(paper, generator=torch.Generator().manual_seed(seed)), row)
 
 
@@ -147,27 +145,45 @@ class MatcherModel(FrameErrorModel):
         return torch.tensor([theta.as_array().tolist() for theta in thetas], dtype=torch.float32)
 
 
-def _filled(config: type[Record], values: Mapping[str, Any], model: str) -> Record:
-    """A model's configuration with these values.
+def _filled(
+    config: type[Record], fixed: Mapping[str, Any], settings: Mapping[str, Any], model: str
+) -> Record:
+    """A model's configuration with what is fixed, and with these settings.
 
     Raises:
-        ConfigError: a value is unknown or of another type; names the nearest known.
+        ConfigError: a setting is fixed, unknown (names the nearest known), of another type, or has no use.
     """
-    known = {field.name: field for field in dataclasses.fields(config)}  # type: ignore[arg-type]
-    for key, value in values.items():
+    defaults = {field.name: field.default for field in dataclasses.fields(config)}  # type: ignore[arg-type]
+    known = [key for key in defaults if key not in _FIXED]
+    for key, value in settings.items():
+        if key in defaults and key in _FIXED:
+            raise ConfigError(
+                f"train.settings: {key} is {value!r}; must be left out, as it follows from train.model and "
+                "train.sampling"
+            )
         if key not in known:
             near = difflib.get_close_matches(key, known, n=1, cutoff=0.5) or [", ".join(known)]
             raise ConfigError(f"train.settings: {model} has no {key!r}; the nearest known is {near[0]!r}")
-        if not _is_like(value, known[key].default):
+        if not _is_like(value, defaults[key]):
             raise ConfigError(
-                f"train.settings: {key} of {model} is {value!r}; must be like {known[key].default!r}"
+                f"train.settings: {key} of {model} is {value!r}; must be like {defaults[key]!r}"
             )
-    return config(**{key: tuple(v) if isinstance(v, list) else v for key, v in values.items()})
+    given = {key: tuple(value) if isinstance(value, list) else value for key, value in settings.items()}
+    try:
+        return config(**fixed, **given)
+    except ConfigError as error:
+        raise ConfigError(f"train.settings: {error}") from error
+
+
+def _check_divides_window(key: str, value: int, sampling: Sampling) -> None:
+    if sampling.window_cells % value:
+        raise ConfigError(
+            f"train.settings: {key} is {value}; must divide the window's {sampling.window_cells} cells "
+            "(train.sampling.window_cells)"
+        )
 
 
 def _is_like(value: Any, default: Any) -> bool:
-    if default is dataclasses.MISSING:
-        return True
     if isinstance(default, bool) or isinstance(value, bool):
         return isinstance(value, bool) and isinstance(default, bool)
     if isinstance(default, float):

@@ -183,7 +183,10 @@ def test_a_config_without_a_field_is_refused() -> None:
         ({"cells": 12}, "cells is 12; must be 12 times"),
         ({"heads": 7}, "width is 256; must be a multiple of 7 heads"),
         ({"width": 72}, "width is 72; must be a multiple of 8 heads and of 64"),
-        ({"depth": 0}, "depth 0"),
+        ({"depth": 0}, "depth is 0; must be from 1 to 1024"),
+        ({"heads": 0}, "heads is 0; must be from 1 to 1024"),
+        ({"width": 0}, "width is 0; must be from 8 to 65536"),
+        ({"cell_m": 0.0}, "cell_m is 0.0; must be from 0.001 to 1000"),
     ],
 )
 def test_a_network_that_cannot_be_built_is_refused(change: dict[str, int], message: str) -> None:

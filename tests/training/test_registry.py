@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from typing import Any
 
 import pytest
 import torch
@@ -51,6 +52,38 @@ def test_a_model_is_rebuilt_from_its_configuration_alone(name: str):
     assert again.config() == model.config()
     with pytest.raises(ConfigError):
         rebuilt_model(name, {k: v for k, v in config.items() if k != "cell_m"}, SAMPLING)
+
+
+@pytest.mark.parametrize(
+    ("name", "settings", "said"),
+    [
+        ("cnn", {"cells": "many"}, "cells of cnn is 'many'; must be like 192"),
+        ("cnn", {"cells": 0}, "cells is 0; must be 12 times 2"),
+        ("cnn", {"cells": 96}, "cells is 96; must divide the window's 48 cells"),
+        ("cnn", {"heads": 0}, "heads is 0; must be from 1 to 1024"),
+        ("cnn", {"vit": True}, "vit is True; must be left out, as it follows from train.model"),
+        ("vit-lie", {"lie": False}, "lie is False; must be left out"),
+        ("vit-lie", {"cell_m": 0.1}, "cell_m is 0.1; must be left out"),
+        ("matcher", {"cell_m": 0.1}, "cell_m is 0.1; must be left out"),
+        ("matcher", {"coarse_factor": 32}, "coarse_factor is 32; must divide the window's 48 cells"),
+        ("matcher", {"coarse_factor": 0}, "coarse_factor is 0; must be from 1 to 64"),
+        ("matcher", {"fine_factor": 0}, "fine_factor is 0; must be from 1 to 64"),
+        ("matcher", {"heading_step_rad": 0}, "heading_step_rad is 0; must be from 0.00174533 to 1.0472"),
+        ("matcher", {"heading_step_rad": math.nan}, "heading_step_rad is nan; must be from"),
+        ("matcher", {"channels": 0}, "channels is 0; must be from 1 to 4096"),
+        ("matcher", {"coarse_features": 0}, "coarse_features is 0; must be from 1 to 4096"),
+        ("matcher", {"fine_channels": 0}, "fine_channels is 0; must be from 1 to 4096"),
+        ("matcher", {"fine_features": 0}, "fine_features is 0; must be from 1 to 4096"),
+        ("matcher", {"reach_cells": -1}, "reach_cells is -1; must be from 0 to 4096"),
+        ("matcher", {"dilations": [1, 0]}, "dilations is [1, 0]; each must be from 1 to 256"),
+        ("matcher", {"dilations": ["a"]}, "dilations of matcher is ['a']; must be like (1, 2,"),
+    ],
+)
+def test_settings_without_use_are_told(name: str, settings: dict[str, Any], said: str):
+    with pytest.raises(ConfigError) as caught:
+        build_model(name, settings, Sampling(window_cells=48, window_cell_m=0.4), seed=0)
+    assert str(caught.value).startswith("train.settings: ")
+    assert said in str(caught.value)
 
 
 @pytest.mark.parametrize("name", ["matcher", "vit", "cnn"])
