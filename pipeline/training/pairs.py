@@ -12,6 +12,7 @@ from pipeline.errors import StoreError
 from pipeline.geometry.occupancy_grid import OccupancyGrid, grid_from_png
 from pipeline.geometry.se2 import SE2, Array
 from pipeline.store.digest import content_digest
+from pipeline.store.disk import Disk
 from pipeline.store.read import StageReader
 
 COLUMNS = (
@@ -117,15 +118,11 @@ def read_pairs(reader: StageReader, split: str) -> PairTable:
     """The pairs of one split of the published dataset.
 
     Raises:
-        StoreError: the folder holds no such split, or a file is missing or damaged.
+        StoreError: the folder holds no such split, or a file is missing or damaged or lacks a column.
     """
     names = [shard.name for shard in reader.shards()]
     splits = {name: found[1] for name in names if (found := _SPLIT_FILE.fullmatch(name))}
-    tables = [
-        reader.table(name, columns=COLUMNS).select(list(COLUMNS))
-        for name, its_split in splits.items()
-        if its_split == split
-    ]
+    tables = [_columns(reader, name) for name, its_split in splits.items() if its_split == split]
     rows = sum(table.num_rows for table in tables)
     if rows == 0:
         have = ", ".join(sorted(set(splits.values()))) or f"{len(names)} files without a split in their names"
@@ -143,6 +140,18 @@ def pairs_per_split(reader: StageReader) -> dict[str, int]:
         if found := _SPLIT_FILE.fullmatch(shard.name):
             counts[found[1]] += shard.rows
     return counts
+
+
+def _columns(reader: StageReader, name: str) -> pa.Table:
+    """`COLUMNS` of one file, in that order."""
+    table = reader.table(name, columns=COLUMNS)
+    for column in COLUMNS:
+        if column not in table.column_names:
+            raise StoreError(
+                f"{Disk(reader.root).shown(name)}: has no column {column!r}; must be a file of pairs as "
+                "`rendezvous pack` writes them"
+            )
+    return table.select(list(COLUMNS))
 
 
 def _numbers(column: pa.ChunkedArray) -> Array:

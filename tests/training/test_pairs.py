@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 
 from pipeline.errors import StoreError
@@ -53,6 +55,14 @@ def test_shards_without_splits_are_told(published: Path):
 
 def test_a_missing_dataset_is_told(tmp_path: Path):
     with pytest.raises(StoreError, match=r"no manifest.json.*run `rendezvous pack` first"):
+        read_pairs(reader_of(tmp_path), "train")
+
+
+def test_a_file_without_a_column_is_told(published: Path, tmp_path: Path):
+    shutil.copytree(published / "dataset", tmp_path / "dataset")
+    path = next((tmp_path / "dataset" / "pairs").glob("train-*.parquet"))
+    pq.write_table(pq.ParquetFile(path).read().drop_columns(["overlap"]), path)
+    with pytest.raises(StoreError, match=rf"^{path}: has no column 'overlap'; must be a file of pairs"):
         read_pairs(reader_of(tmp_path), "train")
 
 
