@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import time
-
 import cv2
 import numpy as np
 import pytest
@@ -222,13 +220,3 @@ def test_the_configuration_takes_shares_and_says_which_are_wrong():
     assert config.train.sampling.augmentation.resolution_m == (0.04, 0.06)
     with pytest.raises(ConfigError, match=r"rescan is 1.5; must be from 0 to 1"):
         Augmentation(rescan=1.5)
-
-
-@pytest.mark.slow
-def test_a_sample_is_augmented_in_under_4_ms_of_a_core(pairs: PairTable):
-    tables = [pairs[index] for index in range(len(pairs))]
-    augmented(tables[0], Augmentation(**dict.fromkeys(NOTHING, 1.0) | {"untouched": 0.0}), rng())  # compiles
-    started_s = time.thread_time()
-    for seed in range(200):
-        augmented(tables[seed % len(tables)], Augmentation(), rng(seed))
-    assert (time.thread_time() - started_s) / 200 < 4e-3
