@@ -55,22 +55,24 @@ def train(run: Run, *, out: Path | None = None, resume: bool = False) -> Path:
     """
     section, reader = run.config.train, run.read("pack")
     folder = out or Path(run.config.stages["train"].writes) / section.model
-    pairs = {split: read_pairs(reader, split) for split in ("train", "validation")}
+    budget = _budget(section)
     with joined_processes() as processes:
         torch.set_num_threads(max(1, run.workers // processes.on_this_machine))
         model = build_model(section.model, section.settings, section.sampling, seed=run.config.seed)
+        pairs = {split: read_pairs(reader, split) for split in ("train", "validation")}
         about = _about(run, model, pairs)
         state = TrainingState.fresh(model.to(processes.device), section.optimisation)
         _begin(state, Disk(str(folder)), about, resume=resume)
         if processes.first:
-            _tell(run, pairs, pairs_per_split(reader), state, processes)
-        _fit(run, state, pairs, about, folder, processes)
+            _tell(run, about, pairs_per_split(reader), state, processes)
+        _fit(run, state, budget, pairs, about, folder, processes)
     return folder
 
 
 def _fit(
     run: Run,
     state: TrainingState,
+    budget: Budget,
     pairs: Mapping[str, PairTable],
     about: Mapping[str, Any],
     folder: Path,
@@ -98,17 +100,18 @@ def _fit(
         folder=folder,
         about=about,
         section=section,
-        budget=_budget(section),
+        budget=budget,
         validation=validation,
         processes=processes,
         console=run.console,
         seed=seed,
+        resumed_samples=state.samples,
     ) as recorder:
         fit(
             state,
             loader,
             section.optimisation,
-            _budget(section),
+            budget,
             seed=seed,
             processes=processes,
             observer=recorder,
@@ -170,8 +173,8 @@ def _check_same(record: Mapping[str, Any], about: Mapping[str, Any], where: str)
     for key in {**begun, **now}:
         if begun.get(key) != now.get(key):
             raise ConfigError(
-                f"{where}: begun with {key} {begun.get(key)}, now it is {now.get(key)}; set it as it was, or "
-                "name another folder with --out"
+                f"{where}: begun with {key} {begun.get(key)}, now it is {now.get(key)}; to go on, set it as "
+                "it was; to begin anew, name another folder with --out (make: OUT=FOLDER) or delete this one"
             )
 
 
@@ -189,23 +192,24 @@ def _budget(section: TrainSection) -> Budget:
 
 def _tell(
     run: Run,
-    pairs: Mapping[str, PairTable],
+    about: Mapping[str, Any],
     counts: Mapping[str, int],
     state: TrainingState,
     processes: Processes,
 ) -> None:
     """Say what is trained, on which data, where, and from when on."""
-    section = run.config.train
-    seeds = ", ".join(str(seed) for seed in pairs["train"].seeds())
+    section, data = run.config.train, about["data"]
+    seeds = ", ".join(str(seed) for seed in data["seeds"])
     weights = sum(p.numel() for p in state.model.parameters())
     run.say(
         f"train {section.model}: {weights} weights, seed {run.config.seed}, {processes.count} x "
         f"{processes.device.type}, {torch.get_num_threads()} threads, {section.optimisation.precision}"
     )
     run.say(
-        f"train {section.model}: pairs of {run.folder('pack')}: "
+        f"train {section.model}: pairs of {data['folder']}: "
         + ", ".join(f"{count} {split}" for split, count in counts.items())
-        + f"; {len(pairs['train'].plan_digests())} plans to train on, made with seed {seeds}"
+        + f"; {data['plans']['train']} plans to train on, made with seed {seeds}, "
+        f"digest {data['digest'][:_DIGITS]}"
     )
     if state.step:
         run.say(f"train {section.model}: goes on from {state.samples} samples, {state.elapsed_s:.0f} s")

@@ -47,11 +47,16 @@ class Recorder:
         processes: Processes,
         console: Console,
         seed: int,
+        resumed_samples: int,
     ) -> None:
         self._disk, self._about, self._section = Disk(str(folder)), about, section
         self._budget, self._validation, self._seed = budget, validation, seed
         self._processes, self._console = processes, console
-        self._events: SummaryWriter | None = SummaryWriter(str(folder)) if processes.first else None
+        self._events: SummaryWriter | None = None
+        if processes.first:
+            # What a killed run told after its last checkpoint is told once more: TensorBoard shall drop it.
+            purge_step = resumed_samples + 1 if resumed_samples else None
+            self._events = SummaryWriter(str(folder), purge_step=purge_step)
         self._status: Status | None = None
         self._saved_s = self._told_s = time.monotonic()
         self._rate_from: tuple[float, int] | None = None
@@ -113,10 +118,13 @@ class Recorder:
                 self._events.add_scalar(f"curve/{name}", value, state.samples)
 
     def _save(self, state: TrainingState) -> None:
-        """Checkpoint last: whoever finds it finds the others no older."""
-        points = [point.as_dict() for point in state.curve]
-        self._disk.write(WEIGHTS, weights_bytes(state, self._about))
-        self._disk.write(CURVE, json_bytes({**self._about, "samples": state.samples, "curve": points}))
+        """Checkpoint last: whoever finds it finds the others no older.
+
+        The weights tell the curve as well: a kill before the next file leaves that one a point behind.
+        """
+        told = {**self._about, "curve": [point.as_dict() for point in state.curve]}
+        self._disk.write(WEIGHTS, weights_bytes(state, told))
+        self._disk.write(CURVE, json_bytes({**told, "samples": state.samples}))
         self._disk.write(CHECKPOINT, checkpoint_bytes(state, self._about))
         self._saved_s = time.monotonic()
 

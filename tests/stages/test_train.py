@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -13,11 +14,13 @@ from pathlib import Path
 
 import pytest
 import torch
+from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from pipeline.errors import ConfigError, PipelineError, StoreError
 from pipeline.stages.pack import pack
 from pipeline.stages.train import train
 from pipeline.stages.train_record import CHECKPOINT, CURVE, WEIGHTS
+from pipeline.store.disk import Disk
 from pipeline.training.checkpoint import fit_weights_in_place, read_checkpoint
 from pipeline.training.parameters import Sampling
 from pipeline.training.registry import rebuilt_model
@@ -75,7 +78,7 @@ def test_training_writes_weights_a_curve_and_events_and_says_on_what(data: Path,
     said = trained(data, tmp_path / "run")
     assert "train cnn-lie: " in said
     assert f"pairs of {data}/dataset: 12 train, 4 validation, 4 test; 6 plans to train on" in said
-    assert "made with seed 0" in said
+    assert "made with seed 0, digest " in said
     assert [point["samples"] for point in curve_of(tmp_path / "run")] == [8, 16, 24, 32]
     assert all(0.0 < point["error_x_m"] < 4.0 for point in curve_of(tmp_path / "run"))
     assert list((tmp_path / "run").glob("events.out.tfevents.*"))
@@ -85,6 +88,7 @@ def test_training_writes_weights_a_curve_and_events_and_says_on_what(data: Path,
     fit_weights_in_place(model, weights.tensors, where="here")
     assert weights.record["samples"] == 32
     assert weights.record["data"]["pairs"] == {"train": 12, "validation": 4}
+    assert f"digest {weights.record['data']['digest'][:12]}\n" in said
 
 
 def test_a_run_goes_on_only_when_it_is_told_to(data: Path, tmp_path: Path):
@@ -130,6 +134,68 @@ def test_wrong_settings_are_told(data: Path, tmp_path: Path, change: str, said: 
         trained(data, tmp_path, change)
     assert said in str(caught.value)
     assert not (tmp_path / CHECKPOINT).exists()
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ("train.settings={heads: 0}", "train.settings: FrameErrorConfig: heads is 0"),
+        ("train.sampling.window_cells=102", "cells is 48; must divide the window's 102 cells"),
+        ("train.samples=null", "train.minutes and train.samples are both null"),
+    ],
+)
+def test_wrong_settings_are_told_before_any_data_is_read(tmp_path: Path, change: str, said: str):
+    with pytest.raises(ConfigError, match=re.escape(said)):
+        trained(tmp_path / "no data", tmp_path / "run", change)
+
+
+def test_other_data_leave_a_new_folder_or_the_old_ones_end(data: Path, tmp_path: Path):
+    trained(data, tmp_path / "run", "train.samples=8")
+    explored(tmp_path, plans=8)
+    pack(synthetic_run(tmp_path, "pack.validation_fraction=0.1", "pack.test_fraction=0.1"))
+    with pytest.raises(
+        ConfigError, match=r"begun with data .*--out \(make: OUT=FOLDER\) or delete this one$"
+    ):
+        trained(tmp_path, tmp_path / "run", resume=True)
+    trained(tmp_path, tmp_path / "another", "train.samples=8", resume=True)
+
+
+def test_weights_tell_their_curve_though_the_disk_fails_after_them(data: Path, tmp_path: Path, monkeypatch):
+    write = Disk.write
+
+    def full_at_the_second_curve(disk: Disk, name: str, content: bytes) -> None:
+        if name == CURVE and (tmp_path / CURVE).exists():
+            raise StoreError("the disk is full")
+        write(disk, name, content)
+
+    monkeypatch.setattr(Disk, "write", full_at_the_second_curve)
+    with pytest.raises(StoreError, match="the disk is full"):
+        trained(data, tmp_path)
+    record = read_checkpoint((tmp_path / WEIGHTS).read_bytes(), where="here").record
+    assert [point["samples"] for point in curve_of(tmp_path)] == [8]
+    assert [point["samples"] for point in record["curve"]] == [8, 16]
+    assert record["samples"] == 16
+    monkeypatch.undo()
+    trained(data, tmp_path, resume=True)
+    record = read_checkpoint((tmp_path / WEIGHTS).read_bytes(), where="here").record
+    assert [point["samples"] for point in curve_of(tmp_path)] == [8, 16, 24, 32]
+    assert record["curve"] == curve_of(tmp_path)
+
+
+def test_a_resumed_run_drops_the_events_after_its_checkpoint(data: Path, tmp_path: Path):
+    def train_as(number: int, *overrides: str) -> None:
+        trained(data, tmp_path, *overrides, resume=True)
+        # TensorBoard reads files in the order of their names, which begin with the second.
+        (newest,) = tmp_path.glob("events.out.tfevents.*.*")
+        newest.rename(tmp_path / f"events.out.tfevents.{number}")
+
+    train_as(0, "train.samples=16")
+    early = (tmp_path / CHECKPOINT).read_bytes()
+    train_as(1)
+    (tmp_path / CHECKPOINT).write_bytes(early)
+    train_as(2)
+    events = EventAccumulator(str(tmp_path)).Reload()
+    assert [event.step for event in events.Scalars("curve/error_x_m")] == [4, 8, 12, 16, 24, 32]
 
 
 def test_shards_without_splits_are_one_line_and_exit_2(data: Path, tmp_path: Path):
