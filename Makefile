@@ -4,6 +4,7 @@ PRESET ?= default
 WORKERS ?=
 DATA ?= data
 SET ?=
+OUT ?=
 
 VENV := .venv
 READY := $(VENV)/.ready
@@ -16,7 +17,7 @@ OPTIONS = --preset $(PRESET) --data $(DATA) $(if $(WORKERS),--workers $(WORKERS)
 help:  ## print this
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 	@echo "  variables: PRESET=$(PRESET) (smoke, default, large, paper), DATA=$(DATA), WORKERS=all cores,"
-	@echo "             SET='explore.episodes_per_plan=10 ...', PYTHON=$(PYTHON)"
+	@echo "             SET='explore.episodes_per_plan=10 ...', PYTHON=$(PYTHON), OUT=$(or $(OUT),runs/MODEL) (train's)"
 
 setup: $(READY)  ## install everything into .venv
 
@@ -24,7 +25,7 @@ dataset: $(READY)  ## floor plans -> DATA/dataset, the Parquet dataset of rendez
 	$(RENDEZVOUS) dataset $(OPTIONS)
 
 train: $(READY)  ## train the default estimator on DATA/dataset, about 20 minutes; goes on after a kill
-	$(RENDEZVOUS) train --resume $(OPTIONS)
+	$(RENDEZVOUS) train --resume $(OPTIONS) $(if $(OUT),--out $(OUT))
 
 inspect: $(READY)  ## draw contact sheets of DATA/dataset to report/
 	$(RENDEZVOUS) inspect $(DATA)/dataset

@@ -15,6 +15,8 @@ from pipeline.evaluation.tables import column_table, markdown_table
 from pipeline.schema import PAIRS, POSES
 
 ROOT = Path(__file__).parent.parent
+_BESIDE_THE_DATA = ("train",)
+"""Stages that write to the working folder, as what they make outlives the data."""
 
 
 def documented(readme: str, *, root: Path = ROOT) -> str:
@@ -38,7 +40,7 @@ def _stage_table(root: Path) -> str:
         (
             f"[`{name}`](pipeline/stages/{name}.py)",
             ", ".join(f"`data/{stages[read]['writes']}/`" for read in stage["reads"]),
-            f"`data/{stage['writes']}/`",
+            f"`{stage['writes']}/`" if name in _BESIDE_THE_DATA else f"`data/{stage['writes']}/`",
             _first_sentence(root / "pipeline" / "stages" / f"{name}.py"),
         )
         for name, stage in stages.items()

@@ -21,6 +21,11 @@ def test_the_readme_says_what_the_code_says():
     assert all(f"| `{column.name}` |" in README for column in (*PAIRS.columns, *POSES.columns))
 
 
+def test_the_table_of_stages_says_that_weights_lie_beside_the_data():
+    (train,) = (line for line in README.splitlines() if line.startswith("| [`train`]"))
+    assert "| `data/dataset/` | `runs/` |" in train
+
+
 def test_every_file_that_the_readme_links_to_exists():
     links = re.findall(r"\]\(([^)#]+)\)", README)
     assert len(links) > 5

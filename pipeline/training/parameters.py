@@ -72,7 +72,11 @@ class Optimisation:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Budget:
-    """When training ends: after so many samples or seconds, whichever comes first."""
+    """When training ends: after so many samples or seconds, whichever comes first.
+
+    The learning rate follows the share that is spent. With a bound in seconds it depends on the clock: only a
+    run bounded by samples alone repeats its curve exactly when it was killed and goes on.
+    """
 
     samples: int | None
     duration_s: float | None
