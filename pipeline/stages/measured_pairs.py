@@ -8,6 +8,7 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
+from importlib import metadata
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
@@ -32,6 +33,16 @@ from pipeline.training.perturbation import (
 
 CACHE = "frame_error"
 _PAIRS_PER_CALL = 16
+_CODE = Path(pipeline.__path__[0])
+_ROOMS = ("geometry", "alignment", "training")
+_FILES = (
+    "evaluation/estimates.py",
+    "stages/estimators.py",
+    "stages/measured_pairs.py",
+    "stages/trained_estimators.py",
+)
+_PACKAGES = ("numpy", "scipy", "opencv-python-headless", "numba")
+"""What outcomes depend on, beside the method's own room."""
 Numbered = tuple[int, tuple[Outcome, ...]]
 """Outcomes of neighbouring pairs, and the number of the first."""
 
@@ -97,16 +108,7 @@ def measured(
         workers: processes; a single one is this one.
         console: where to tell.
     """
-    key = digest_of(
-        {
-            "method": method.name,
-            "search": asdict(method.search),
-            "weights": method.weights_digest(),
-            "code": _code_digest("geometry", "alignment", "models" if method.learned else "baselines"),
-            "data": trial.data_digest(),
-            "drawn": trial.drawn(),
-        }
-    )
+    key = cache_key(method, trial, workers=workers)
     disk, name = Disk(str(folder / CACHE)), f"{method.name}-{key[:16]}.json"
     if (kept := _kept(disk, name)) is not None:
         console.print(f"evaluate {method.name}: {len(kept)} pairs, as measured before", highlight=False)
@@ -114,6 +116,23 @@ def measured(
     outcomes = _run(method, estimator, trial, workers, console)
     disk.write(name, json_bytes({"rows": [row.to_json() for row in outcomes.rows]}))
     return outcomes
+
+
+def cache_key(method: Method, trial: Trial, *, workers: int) -> str:
+    """Digest of all that outcomes depend on, the time that they take included."""
+    packages = (*_PACKAGES, "torch") if method.learned else _PACKAGES
+    return digest_of(
+        {
+            "method": method.name,
+            "search": asdict(method.search),
+            "weights": method.weights_digest(),
+            "code": _code_digest("models" if method.learned else "baselines"),
+            "packages": {package: metadata.version(package) for package in packages},
+            "workers": workers,
+            "data": trial.data_digest(),
+            "drawn": trial.drawn(),
+        }
+    )
 
 
 def _run(
@@ -175,11 +194,13 @@ def _kept(disk: Disk, name: str) -> Outcomes | None:
         return None
 
 
-def _code_digest(*rooms: str) -> str:
-    """Of the source of rooms, so that a change of a method shows."""
-    root = Path(pipeline.__path__[0])
-    sources = sorted(path for room in rooms for path in (root / room).glob("*.py"))
-    return digest_of({str(path.relative_to(root)): path.read_text(encoding="utf-8") for path in sources})
+def _code_digest(room: str) -> str:
+    """Of the source of a method's room and of all that makes an outcome of what it finds."""
+    rooms = (path for each in (*_ROOMS, room) for path in (_CODE / each).glob("*.py"))
+    sources = [*(_CODE / name for name in _FILES), *rooms]
+    return digest_of(
+        {str(path.relative_to(_CODE)): path.read_text(encoding="utf-8") for path in sorted(sources)}
+    )
 
 
 def perturbation_json(drawn: Mapping[str, Mapping[str, Any]]) -> bytes:

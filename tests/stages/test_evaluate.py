@@ -2,7 +2,9 @@ from __future__ import annotations
 
 import io
 import json
+import shutil
 import sys
+from importlib import metadata
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +17,7 @@ pytest.importorskip("matplotlib")
 from pipeline.cli import app
 from pipeline.errors import SetupError, StoreError
 from pipeline.stages import measured_pairs
+from pipeline.stages.estimators import Method, chosen_methods
 from pipeline.stages.evaluate import Evaluation, evaluate
 from pipeline.stages.pack import pack
 from pipeline.training.pairs import read_pairs
@@ -153,6 +156,64 @@ def test_a_method_more_leaves_what_was_measured_before(data, tmp_path):
         other, told = _evaluate(data, tmp_path, "identity", **{"count": 3, **settings})
         assert "as measured before" not in told
         assert _mean(other, "identity") != _mean(before, "identity")
+
+
+CODE = Path(measured_pairs.__file__).parents[1]
+
+
+@pytest.fixture(scope="module")
+def trial(data) -> measured_pairs.Trial:
+    pairs = read_pairs(synthetic_run(data).read("pack"), "test")
+    return measured_pairs.Trial.of(pairs, [0], PerturbationRange(), seed=0)
+
+
+def _methods(network: Path) -> list[Method]:
+    """One without a network and one with."""
+    return chosen_methods(("hough", "vit-lie"), {"vit-lie": network}, xy_range_m=2.0, yaw_range_rad=0.8)
+
+
+@pytest.mark.parametrize(
+    ("source", "without_network", "with_network"),
+    [
+        ("evaluation/estimates.py", True, True),
+        ("stages/estimators.py", True, True),
+        ("stages/measured_pairs.py", True, True),
+        ("stages/trained_estimators.py", True, True),
+        ("training/perturbation.py", True, True),
+        ("alignment/window.py", True, True),
+        ("baselines/hough.py", True, False),
+        ("models/matcher.py", False, True),
+        ("evaluation/report.py", False, False),
+    ],
+)
+def test_outcomes_of_other_code_are_measured_anew(
+    trial, network, tmp_path, monkeypatch, source, without_network, with_network
+):
+    shutil.copytree(CODE, tmp_path / "code", ignore=shutil.ignore_patterns("__pycache__"))
+    monkeypatch.setattr(measured_pairs, "_CODE", tmp_path / "code")
+    methods = _methods(network)
+    before = [measured_pairs.cache_key(method, trial, workers=1) for method in methods]
+    with (tmp_path / "code" / source).open("a") as file:
+        file.write("# changed\n")
+    after = [measured_pairs.cache_key(method, trial, workers=1) for method in methods]
+    assert [a != b for a, b in zip(after, before, strict=True)] == [without_network, with_network]
+
+
+@pytest.mark.parametrize(
+    ("package", "without_network"),
+    [("numpy", True), ("scipy", True), ("opencv-python-headless", True), ("numba", True), ("torch", False)],
+)
+def test_outcomes_of_other_packages_or_workers_are_measured_anew(
+    trial, network, monkeypatch, package, without_network
+):
+    methods, version = _methods(network), metadata.version
+    before = [measured_pairs.cache_key(method, trial, workers=1) for method in methods]
+    assert [measured_pairs.cache_key(method, trial, workers=1) for method in methods] == before
+    more = [measured_pairs.cache_key(method, trial, workers=2) for method in methods]
+    assert all(a != b for a, b in zip(more, before, strict=True))
+    monkeypatch.setattr(metadata, "version", lambda name: "0" if name == package else version(name))
+    after = [measured_pairs.cache_key(method, trial, workers=1) for method in methods]
+    assert [a != b for a, b in zip(after, before, strict=True)] == [without_network, True]
 
 
 def test_a_damaged_cache_is_measured_anew(data, tmp_path):
