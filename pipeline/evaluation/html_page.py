@@ -59,11 +59,6 @@ def section(anchor: str, heading: str, *pieces: Piece) -> Html:
     return Html(f'<section id="{anchor}"><h2>{escape(heading)}</h2>{joined(*pieces).text}</section>')
 
 
-def details(words: str, *pieces: Piece) -> Html:
-    """What is shown when it is asked for."""
-    return Html(f"<details><summary>{escape(words)}</summary>{joined(*pieces).text}</details>")
-
-
 def table(header: Sequence[Sequence[tuple[str, int]]], rows: Sequence[Sequence[Cell | None]]) -> Html:
     """A table.
 
@@ -183,7 +178,6 @@ grid-template-columns:repeat(auto-fill,minmax(170px,1fr));gap:12px;margin:.6rem 
 .gallery figure{margin:0}.gallery img{border-radius:6px;border:1px solid var(--line);width:100%}
 .gallery figcaption{line-height:1.3;padding-top:.25rem}
 .gallery .good{color:#1f6b32}.gallery .bad{color:var(--red)}
-details{margin:.8rem 0}summary{cursor:pointer;color:var(--blue);font-size:.92rem}
 code{font-family:ui-monospace,Menlo,Consolas,monospace;font-size:.86em;background:var(--soft);
 padding:.08em .3em;border-radius:4px;overflow-wrap:anywhere}
 .swatch{display:inline-block;

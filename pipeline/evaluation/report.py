@@ -18,7 +18,6 @@ from pipeline.evaluation.gallery import Panel
 from pipeline.evaluation.html_page import (
     Html,
     Piece,
-    details,
     facts,
     figure,
     joined,
@@ -30,6 +29,7 @@ from pipeline.evaluation.html_page import (
 from pipeline.evaluation.measured_row import Conditions, MeasuredRow
 from pipeline.evaluation.report_figures import calibration_chart, cdf_chart, curve_chart, scatter_chart
 from pipeline.evaluation.report_gallery import Shown, attention_section, gallery_section
+from pipeline.evaluation.report_notes import OVERLAP, SHARES, TASK, comparison_note, table_one_note
 from pipeline.evaluation.report_tables import (
     calibration_table,
     comparison_table,
@@ -38,12 +38,8 @@ from pipeline.evaluation.report_tables import (
     table_one,
     time_table,
 )
-from pipeline.evaluation.statistics import LEVEL, RESAMPLES
 from pipeline.evaluation.summary import Comparison, ranking
 from pipeline.evaluation.table_one import title
-from pipeline.evaluation.training_curve import STILL_FALLING
-
-_MOST_COMPARED = 5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -55,7 +51,7 @@ class ReportContent:
         found: outcomes by method, measured now.
         rows: figures by method, measured now or recorded, in the order of tables.
         pairs: what was measured on.
-        comparisons: each two of the methods measured now.
+        comparisons: the best of the methods measured now against each other one.
         gallery: pairs that are drawn.
         attention: by method, pictures of what it looks at, pair by pair of the gallery.
         dataset: its folder.
@@ -127,57 +123,22 @@ def _head(content: ReportContent) -> Html:
 
 
 def _table_one(content: ReportContent) -> list[Html]:
-    c = content.conditions
     return [
-        paragraph(
-            "Two maps of one building are laid over each other by a transform that is wrong. A method sees "
-            "both in a window around the meeting point, and says by which rigid motion θ the second one is "
-            "off. Its error is θ̂⁻¹ θ. Every method sees the same pairs, wrong by the same motions."
-        ),
+        paragraph(TASK),
         table_one(content.rows, list(content.found)),
-        paragraph(
-            f"Frame errors are uniform over ±{c.xy_range_m:g} m, ±{c.xy_range_m:g} m, ±{c.yaw_range_deg:g}°. "
-            "The paper does not state its range: ±2 m, ±2 m, ±45° is inferred from the row of its table that "
-            "failed to learn, whose errors are those of answering zero. Its pairs are not public, so its "
-            "columns stand beside ours for orientation only. Where it has one Hough row, ours has two. "
-            f"Small figures are {100 * LEVEL:.0f} % intervals: of means by {RESAMPLES:,} bootstrap resamples "
-            "of whole floor plans, of shares by Wilson's formula. Where a method finds no estimate, its "
-            "error is that of making no correction, and it counts as no success; “95 % below” is position, "
-            "then heading. “Not converged”: over the last quarter of training the validation error still "
-            f"fell by more than {100 * STILL_FALLING:.0f} %. “Has not learned”: the mean error is near that "
-            "of answering zero. “Recorded” rows are from an earlier run, told beside them; rows that nobody "
-            "has trained stay empty.",
-            kind="note",
-        ),
+        paragraph(table_one_note(content.conditions), kind="note"),
     ]
 
 
 def _overlap(content: ReportContent) -> list[Html]:
-    return [
-        overlap_table(content.rows, list(content.found)),
-        paragraph(
-            "Mean position error, mean heading error, and success, by how much of the ground both robots "
-            "know: |known by both| / |known by either|.",
-            kind="note",
-        ),
-    ]
+    return [overlap_table(content.rows, list(content.found)), paragraph(OVERLAP, kind="note")]
 
 
 def _comparisons(content: ReportContent) -> list[Html]:
     if not content.comparisons:
         return []
-    ranked = ranking(content.found)[:_MOST_COMPARED]
-    first = [c for c in content.comparisons if {c.better, c.other} <= set(ranked)]
-    rest = [c for c in content.comparisons if c not in first]
-    return [
-        comparison_table(first),
-        *([details("all other comparisons", comparison_table(rest))] if rest else []),
-        paragraph(
-            "Differences on the same pairs, first method minus second, with paired bootstrap intervals. "
-            "“Better in” names what the interval leaves no doubt about.",
-            kind="note",
-        ),
-    ]
+    note = comparison_note(len(content.comparisons))
+    return [comparison_table(content.comparisons), paragraph(note, kind="note")]
 
 
 def _spread(content: ReportContent) -> list[Html]:
@@ -204,7 +165,7 @@ def _calibration(content: ReportContent) -> list[Html]:
             f"A fusion can refuse what is uncertain, so a method should say so. Wrong is an error above "
             f"{WRONG_M:g} m or {math.degrees(WRONG_RAD):.0f}°. Flagged is an estimate that the method itself "
             "calls ambiguous, or none. Covariances are tested on the estimates that are not flagged: of the "
-            "errors, 50, 90 and 95 % should lie inside the ellipsoids of those probabilities."
+            f"errors, 50, 90 and 95 % should lie inside the ellipsoids of those probabilities. {SHARES}"
         ),
         calibration_table(content.rows, list(content.found)),
         *(

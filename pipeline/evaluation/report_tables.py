@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 from pipeline.evaluation.calibration import LEVELS, Calibration
 from pipeline.evaluation.html_page import Cell, Html, badge, joined, table
 from pipeline.evaluation.measured_row import Conditions, MeasuredRow
 from pipeline.evaluation.statistics import Interval
 from pipeline.evaluation.summary import OVERLAP_BINS, Accuracy, Comparison
-from pipeline.evaluation.table_one import ABLATION, OWN_METHODS, PAPER, PaperRow, title
+from pipeline.evaluation.table_one import ABLATION, HOUGH, OWN_METHODS, PAPER, PaperRow, title
 from pipeline.evaluation.training_curve import doubt
 
 _DASH = "–"
@@ -85,7 +86,8 @@ def _switches(row: PaperRow | None) -> list[Cell]:
 
 def _printed(row: PaperRow | None) -> list[Cell]:
     values = ("", "", "") if row is None else tuple(f"{v:.3f}" for v in (row.x_m, row.y_m, row.yaw_rad))
-    return [Cell(main=value, kind="paper") for value in values]
+    x, y, yaw = (Cell(main=value, kind="paper") for value in values)
+    return [replace(x, small="presumably") if row == HOUGH else x, y, yaw]
 
 
 def _source(name: str, rows: Rows, measured: Sequence[str]) -> Cell:

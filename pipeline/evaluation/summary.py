@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -158,9 +157,9 @@ class Comparison:
 
 
 def comparisons(found: Mapping[str, Outcomes], weights: Array) -> list[Comparison]:
-    """Each two methods, the best first."""
-    ranked = ranking(found)
-    return [_comparison(a, b, found, weights) for a, b in combinations(ranked, 2)]
+    """The best method against each other one: each two would be so many that some differ by chance."""
+    best, *others = ranking(found)
+    return [_comparison(best, other, found, weights) for other in others]
 
 
 def ranking(found: Mapping[str, Outcomes]) -> list[str]:

@@ -60,7 +60,8 @@ ABLATION: tuple[PaperRow, ...] = (
     _row("vit-reg", 0.638, 0.632, 0.138),
     _row("vit-reg-lie", 0.438, 0.426, 0.097),
 )
-HOUGH = PaperRow(name="hough", vit=None, reg=None, lie=None, x_m=1.096, y_m=1.175, yaw_rad=0.261)
+HOUGH = PaperRow(name="hough-global", vit=None, reg=None, lie=None, x_m=1.096, y_m=1.175, yaw_rad=0.261)
+"""The paper does not say whether its search was global; presumably it was, as published."""
 
 PAPER = {row.name: row for row in (*ABLATION, HOUGH)}
 LEARNED = ("matcher-maps", "matcher", *(row.name for row in ABLATION))

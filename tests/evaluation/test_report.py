@@ -222,6 +222,24 @@ def test_charts_are_left_out_where_there_is_nothing_to_draw(content):
     assert "Who is better" not in bare
 
 
+def test_the_page_says_what_its_figures_do_not_show(page):
+    assert "told as well where the robots stood as one saw the other" in page
+    assert "Constants of the correlative search were chosen on pairs some of which are of test plans" in page
+    assert "each of the 3 intervals is of 95 % for itself" in page
+    sections = re.split(r'<section id="', page)
+    for name in ("table-1", "overlap", "calibration"):
+        (section,) = [section for section in sections if section.startswith(name)]
+        assert "pairs of one floor plan are not: they are too narrow" in section
+
+
+def test_the_papers_hough_row_stands_presumably_beside_the_global_one(content):
+    row = content.rows["orb"]
+    body = table_one({"hough": row, "hough-global": row}, ["hough", "hough-global"]).text
+    window, everywhere = (line for line in body.split("<tr") if "Hough" in line)
+    assert "1.096<small>presumably</small>" in everywhere
+    assert "1.096" not in window
+
+
 def test_a_verdict_names_what_is_better_and_what_is_worse_beyond_doubt():
     def interval(low: float, high: float) -> Interval:
         return Interval(value=(low + high) / 2.0, low=low, high=high)

@@ -76,6 +76,12 @@ def test_the_method_with_smaller_errors_is_better_beyond_doubt():
     assert only.success.value > 0.0
 
 
+def test_the_best_method_is_compared_with_each_other_one_and_no_others():
+    found = {name: outcomes_of(k * ERROR) for name, k in (("c", 3.0), ("a", 1.0), ("b", 2.0))}
+    assert [(c.better, c.other) for c in comparisons(found, WEIGHTS)] == [("a", "b"), ("a", "c")]
+    assert comparisons({"a": found["a"]}, WEIGHTS) == []
+
+
 def test_a_method_is_not_better_than_itself():
     outcomes = outcomes_of(ERROR)
     (only,) = comparisons({"a": outcomes, "b": outcomes}, WEIGHTS)
