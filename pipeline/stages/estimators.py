@@ -31,7 +31,7 @@ ROOT = Path(__file__).parents[2]
 SHIPPED_WEIGHTS = ROOT / "assets" / "weights"
 RUNS = Path("runs")
 CURVE = "curve.json"
-"""Beside weights, as `train` leaves them; beside shipped ones NAME.curve.json."""
+"""Beside weights that do not tell their curve themselves, as `train` leaves it, or NAME.curve.json."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -143,8 +143,8 @@ def training_of(method: Method, record: Mapping[str, Any]) -> Training:
         StoreError: the curve beside the weights is damaged, or the record is of something else.
     """
     assert method.weights is not None
-    curve = _curve(method.weights, record)
     try:
+        curve = _curve(method.weights, record)
         data = record["data"]
         return Training(
             seed=record["seed"],
@@ -174,7 +174,9 @@ def plans_trained_on(record: Mapping[str, Any], plans: Mapping[str, str]) -> int
 
 
 def _curve(weights: Path, record: Mapping[str, Any]) -> TrainingCurve | None:
-    """The curve beside weights, if it is of the run that they are from."""
+    """That the weights tell, or else the one beside them, if it is of the run that they are from."""
+    if points := record.get("curve"):
+        return TrainingCurve.from_points(points)
     path = next(
         (p for p in (weights.with_suffix(".curve.json"), weights.parent / CURVE) if p.is_file()), None
     )

@@ -14,8 +14,10 @@ pytest.importorskip("torch")
 from pipeline.alignment.frame_error import pose_difference
 from pipeline.alignment.window import SearchRange
 from pipeline.cli import app
+from pipeline.errors import StoreError
 from pipeline.geometry.se2 import SE2
 from pipeline.models.matcher_estimator import MatcherEstimator
+from pipeline.stages.estimators import chosen_methods, training_of
 from pipeline.training.pairs import read_pairs
 from pipeline.training.parameters import Sampling
 from pipeline.training.perturbation import PerturbationRange, evaluation_perturbation, perturbed_pair
@@ -116,6 +118,18 @@ def test_the_curve_of_another_run_is_not_shown(network, data, tmp_path):
         curve.write_text(json.dumps({**told, "seed": seed}))
         metrics, _ = evaluated(data, tmp_path / "r", "vit-lie", count=1, weights={"vit-lie": weights})
         assert metrics["methods"]["vit-lie"]["training"]["minutes"] == minutes
+
+
+def test_the_curve_that_weights_tell_needs_no_file_beside_them(network):
+    data = {"folder": "f", "pairs": {"train": 7}, "plans": {"train": 2}}
+    points = json.loads((network.parent / "curve.json").read_text())["curve"]
+    record = {"model": "vit-lie", "seed": 5, "samples": 32, "data": data}
+    record["curve"] = [{**points[0], "elapsed_s": 90.0}]
+    (method,) = chosen_methods(("vit-lie",), {"vit-lie": network}, xy_range_m=2.0, yaw_range_rad=0.8)
+    assert training_of(method, record).minutes == 1.5
+    assert training_of(method, {**record, "curve": []}).curve is None
+    with pytest.raises(StoreError, match="does not tell how it was trained"):
+        training_of(method, {**record, "curve": [{"samples": 3}]})
 
 
 @pytest.fixture(scope="module")

@@ -48,7 +48,7 @@ def mean_error(metrics: dict, method: str) -> list[float]:
 def trained_weights(
     folder: Path, name: str, settings: dict, *, trained_on: tuple[str, ...] = (), **sampling
 ) -> Path:
-    """Weights of a tiny network, and its curve, as `train` leaves them."""
+    """Weights of a tiny network, and its curve beside them."""
     torch = pytest.importorskip("torch")
     from pipeline.training.checkpoint import weights_bytes
     from pipeline.training.loop import TrainingState
