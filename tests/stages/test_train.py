@@ -9,19 +9,21 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 import torch
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+from typer.testing import CliRunner
 
+from pipeline.cli import app
 from pipeline.errors import ConfigError, PipelineError, StoreError
 from pipeline.stages.pack import pack
 from pipeline.stages.train import train
 from pipeline.stages.train_record import CHECKPOINT, CURVE, WEIGHTS
 from pipeline.store.disk import Disk
-from pipeline.training.checkpoint import fit_weights_in_place, read_checkpoint
+from pipeline.training.checkpoint import fit_weights_in_place, read_checkpoint, retold
 from pipeline.training.parameters import Sampling
 from pipeline.training.registry import rebuilt_model
 from tests.conftest import ROOT, run_in
@@ -57,17 +59,6 @@ def trained(data: Path, out: Path, *overrides: str, resume: bool = False) -> str
 def command(data: Path, out: Path, *more: str) -> list[str]:
     sets = [word for item in SETS for word in ("--set", item)]
     return ["train", "--data", str(data), "--out", str(out), "--workers", "1", *sets, *more]
-
-
-def rendezvous(arguments: Sequence[str], **options) -> subprocess.CompletedProcess:
-    return subprocess.run(
-        [sys.executable, "-m", "pipeline.cli", *arguments],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        timeout=120,
-        **options,
-    )
 
 
 def curve_of(out: Path) -> list[dict[str, float]]:
@@ -150,14 +141,16 @@ def test_wrong_settings_are_told_before_any_data_is_read(tmp_path: Path, change:
 
 
 def test_other_data_leave_a_new_folder_or_the_old_ones_end(data: Path, tmp_path: Path):
-    trained(data, tmp_path / "run", "train.samples=8")
-    explored(tmp_path, plans=8)
-    pack(synthetic_run(tmp_path, "pack.validation_fraction=0.1", "pack.test_fraction=0.1"))
+    trained(data, tmp_path, "train.samples=8")
+    path = tmp_path / CHECKPOINT
+    found = read_checkpoint(path.read_bytes(), where="here")
+    now = found.record["data"]
+    path.write_bytes(retold(found, data={**now, "digest": "0" * 64}))
     with pytest.raises(
-        ConfigError, match=r"begun with data .*--out \(make: OUT=FOLDER\) or delete this one$"
-    ):
-        trained(tmp_path, tmp_path / "run", resume=True)
-    trained(tmp_path, tmp_path / "another", "train.samples=8", resume=True)
+        ConfigError, match=f"begun with data {'0' * 12}, now it is {now['digest'][:12]};"
+    ) as caught:
+        trained(data, tmp_path, resume=True)
+    assert "another folder with --out (make: OUT=FOLDER) or delete this one" in str(caught.value)
 
 
 def test_weights_tell_their_curve_though_the_disk_fails_after_them(data: Path, tmp_path: Path, monkeypatch):
@@ -202,42 +195,40 @@ def test_shards_without_splits_are_one_line_and_exit_2(data: Path, tmp_path: Pat
     unsplit = tmp_path / "unsplit"
     unsplit.mkdir()
     (unsplit / "dataset").symlink_to(data / "explore")
-    shown = rendezvous(command(unsplit, tmp_path / "run"))
-    assert shown.returncode == 2
+    shown = CliRunner().invoke(app, command(unsplit, tmp_path / "run"))
+    assert shown.exit_code == 2
     assert shown.stderr.count("\n") == 1
     assert "no pairs in pairs/train-*.parquet" in shown.stderr
 
 
-@pytest.mark.slow
 def test_a_truncated_checkpoint_is_one_line_and_exit_2(data: Path, tmp_path: Path):
     trained(data, tmp_path, "train.samples=8")
     path = tmp_path / CHECKPOINT
     path.write_bytes(path.read_bytes()[:-100])
-    shown = rendezvous(command(data, tmp_path, "--resume"))
-    assert shown.returncode == 2
+    shown = CliRunner().invoke(app, command(data, tmp_path, "--resume"))
+    assert shown.exit_code == 2
     assert shown.stderr.count("\n") == 1
     assert f"{path}: " in shown.stderr
     assert "no whole checkpoint" in shown.stderr
 
 
 def test_a_checkpoint_of_other_weights_is_told(data: Path, tmp_path: Path):
-    import pipeline.training.checkpoint as checkpoint
-
     trained(data, tmp_path, "train.samples=8")
     found = read_checkpoint((tmp_path / CHECKPOINT).read_bytes(), where="here")
     tensors = found.tensors | {"model.network.head.mlp.2.bias": torch.zeros(4)}
-    (tmp_path / CHECKPOINT).write_bytes(checkpoint._bytes(tensors, found.record))
+    (tmp_path / CHECKPOINT).write_bytes(retold(replace(found, tensors=tensors)))
     with pytest.raises(PipelineError, match=r"network.head.mlp.2.bias is of shape \(4,\); must be of"):
         trained(data, tmp_path, resume=True)
 
 
 @pytest.mark.slow
 def test_a_run_killed_at_any_time_goes_on_to_the_same_curve(data: Path, tmp_path: Path):
-    sets = ("--set", "train.samples=160", "--set", "train.checkpoint_every_s=0.001")
+    sets = ("train.samples=160", "train.checkpoint_every_s=0.001")
     whole, killed = tmp_path / "whole", tmp_path / "killed"
-    assert rendezvous(command(data, whole, *sets)).returncode == 0
+    trained(data, whole, *sets)
+    words = [word for item in sets for word in ("--set", item)]
     process = subprocess.Popen(
-        [sys.executable, "-m", "pipeline.cli", *command(data, killed, *sets)],
+        [sys.executable, "-m", "pipeline.cli", *command(data, killed, *words)],
         cwd=ROOT,
         stderr=subprocess.DEVNULL,
         start_new_session=True,
@@ -249,9 +240,7 @@ def test_a_run_killed_at_any_time_goes_on_to_the_same_curve(data: Path, tmp_path
         time.sleep(0.01)
     os.killpg(process.pid, signal.SIGKILL)
     process.wait()
-    resumed = rendezvous(command(data, killed, *sets, "--resume"))
-    assert resumed.returncode == 0
-    assert "goes on from" in resumed.stderr
+    assert "goes on from" in trained(data, killed, *sets, resume=True)
     for mine, other in zip(curve_of(killed), curve_of(whole), strict=True):
         elapsed_s = {"elapsed_s": pytest.approx(mine["elapsed_s"])}
         assert mine == {k: pytest.approx(v, abs=1e-6) for k, v in other.items()} | elapsed_s
