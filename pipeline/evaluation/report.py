@@ -30,6 +30,7 @@ from pipeline.evaluation.measured_row import Conditions, MeasuredRow
 from pipeline.evaluation.report_figures import calibration_chart, cdf_chart, curve_chart, scatter_chart
 from pipeline.evaluation.report_gallery import Shown, attention_section, gallery_section
 from pipeline.evaluation.report_notes import OVERLAP, SHARES, TASK, comparison_note, table_one_note
+from pipeline.evaluation.report_symmetry import symmetry_section
 from pipeline.evaluation.report_tables import (
     calibration_table,
     comparison_table,
@@ -39,6 +40,7 @@ from pipeline.evaluation.report_tables import (
     time_table,
 )
 from pipeline.evaluation.summary import Comparison, ranking
+from pipeline.evaluation.symmetry import Symmetry
 from pipeline.evaluation.table_one import title
 
 
@@ -51,6 +53,7 @@ class ReportContent:
         found: outcomes by method, measured now.
         rows: figures by method, measured now or recorded, in the order of tables.
         pairs: what was measured on.
+        symmetry: how they did on symmetric scenes; None where frame errors are too small for it to matter.
         comparisons: the best of the methods measured now against each other one.
         gallery: pairs that are drawn.
         attention: by method, pictures of what it looks at, pair by pair of the gallery.
@@ -62,6 +65,7 @@ class ReportContent:
     found: Mapping[str, Outcomes]
     rows: Mapping[str, MeasuredRow]
     pairs: Pairs
+    symmetry: Symmetry | None
     comparisons: Sequence[Comparison]
     gallery: Sequence[Shown]
     attention: Mapping[str, Sequence[Panel]]
@@ -74,6 +78,7 @@ def report(content: ReportContent) -> str:
     parts = [
         ("table-1", "Table I", _table_one(content)),
         ("overlap", "By overlap", _overlap(content)),
+        ("symmetry", "Symmetric scenes apart", symmetry_section(content.symmetry)),
         ("better", "Who is better", _comparisons(content)),
         ("errors", "How errors are spread", _spread(content)),
         ("gallery", "Pairs", gallery_section(content.gallery, reference=ranking(content.found)[0])),

@@ -146,7 +146,7 @@ def overlap_table(rows: Rows, measured: Sequence[str]) -> Html:
     for name, row in rows.items():
         cells: list[Cell | None] = [_name(name, rows, measured)]
         for b, found in enumerate(row.summary.by_overlap):
-            cells += _bin_cells(found, best=_best_of_bin({n: rows[n] for n in measured}, b) == name)
+            cells += accuracy_cells(found, best=_best_of_bin({n: rows[n] for n in measured}, b) == name)
         body.append(cells)
     return table(header, body)
 
@@ -156,7 +156,8 @@ def _best_of_bin(rows: Rows, b: int) -> str | None:
     return min(there, key=lambda name: there[name].position_m.value, default=None)
 
 
-def _bin_cells(found: Accuracy | None, *, best: bool) -> list[Cell]:
+def accuracy_cells(found: Accuracy | None, *, best: bool = False) -> list[Cell]:
+    """Position, heading and success over some of the pairs."""
     if found is None:
         return [Cell(main=_DASH)] * 3
     heading = found.heading_rad.scaled(180.0 / math.pi)

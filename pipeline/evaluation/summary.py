@@ -71,7 +71,7 @@ class Summary:
         """Values as JSON holds them: null for what there is none of."""
         fields = asdict(self)
         fields["by_overlap"] = dict(zip(OVERLAP_BINS, fields["by_overlap"], strict=True))
-        return dict(_without_nan(fields))
+        return dict(without_nan(fields))
 
     @staticmethod
     def from_json(fields: Mapping[str, Any]) -> Summary:
@@ -153,7 +153,7 @@ class Comparison:
 
     def to_json(self) -> dict[str, Any]:
         """Values as JSON holds them."""
-        return dict(_without_nan(asdict(self)))
+        return dict(without_nan(asdict(self)))
 
 
 def comparisons(found: Mapping[str, Outcomes], weights: Array) -> list[Comparison]:
@@ -179,11 +179,12 @@ def _comparison(a: str, b: str, found: Mapping[str, Outcomes], weights: Array) -
     )
 
 
-def _without_nan(value: Any) -> Any:
+def without_nan(value: Any) -> Any:
+    """The same with null for numbers that JSON has not."""
     if isinstance(value, dict):
-        return {key: _without_nan(v) for key, v in value.items()}
+        return {key: without_nan(v) for key, v in value.items()}
     if isinstance(value, list | tuple):
-        return [_without_nan(v) for v in value]
+        return [without_nan(v) for v in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 

@@ -23,7 +23,9 @@ from pipeline.evaluation.report import ReportContent, report
 from pipeline.evaluation.report_gallery import Shown
 from pipeline.evaluation.statistics import resample_weights
 from pipeline.evaluation.summary import comparisons, ranking, summary
+from pipeline.evaluation.symmetry import WIDE_RANGE_DEG, Symmetry, turn_symmetry
 from pipeline.evaluation.table_one import METHODS
+from pipeline.geometry.se2 import Array
 from pipeline.seeds import stream
 from pipeline.stages.estimators import (
     ROOT,
@@ -197,12 +199,23 @@ def _content(
         found=found,
         rows={name: rows[name] for name in METHODS if name in rows},
         pairs=pairs,
+        symmetry=_symmetry(trial, found, weights, settings),
         comparisons=comparisons(found, weights),
         gallery=gallery,
         attention=attention,
         dataset=settings.dataset,
         versions={name: metadata.version(name) for name in _PACKAGES},
     )
+
+
+def _symmetry(
+    trial: Trial, found: Mapping[str, Outcomes], weights: Array, settings: Evaluation
+) -> Symmetry | None:
+    """What symmetric scenes do to methods, if frame errors reach far enough."""
+    if settings.yaw_range_deg < WIDE_RANGE_DEG:
+        return None
+    share = np.array([turn_symmetry(trial[number][0].grid_1) for number in range(len(trial.indices))])
+    return Symmetry.of(share, found, weights)
 
 
 def _pictures(
@@ -235,6 +248,7 @@ def _write(content: ReportContent, trial: Trial, settings: Evaluation) -> None:
             name: {**row.to_json(), "source": "measured" if name in content.found else "recorded"}
             for name, row in content.rows.items()
         },
+        "symmetry": content.symmetry and content.symmetry.to_json(),
         "comparisons": [comparison.to_json() for comparison in content.comparisons],
     }
     disk.write(PERTURBATIONS, perturbation_json(trial.drawn()))

@@ -92,6 +92,7 @@ def content() -> ReportContent:
         found=found,
         rows=rows,
         pairs=pairs,
+        symmetry=None,
         comparisons=comparisons(found, weights),
         gallery=[Shown(pair_id=toys[0].pair_id, why="best", overlap=0.5, panels=tuple(shown))],
         attention={"vit-lie": shown[:1]},

@@ -12,6 +12,7 @@ pytest.importorskip("matplotlib")
 
 from pipeline.cli import app
 from pipeline.errors import SetupError, StoreError
+from pipeline.evaluation.symmetry import turn_symmetry
 from pipeline.stages import measured_pairs
 from pipeline.stages.evaluate import Evaluation, evaluate
 from pipeline.training.pairs import read_pairs
@@ -43,7 +44,7 @@ def test_the_command_writes_the_page_and_the_figures(shown):
     assert page.count("not trained") >= 8
     metrics = json.loads((folder / "metrics.json").read_text())
     assert metrics["fusion"] == {"kept": 1}
-    assert set(metrics["frame_error"]) == {"conditions", "methods", "comparisons"}
+    assert set(metrics["frame_error"]) == {"conditions", "methods", "symmetry", "comparisons"}
     assert metrics["frame_error"]["conditions"]["pairs"] == 5
 
 
@@ -101,6 +102,19 @@ def test_rows_of_another_split_do_not_come_into_the_table_and_overwrite_nothing(
         assert metrics["methods"]["identity"]["conditions"]["split"] == split
     page = (tmp_path / "index.html").read_text()
     assert "5 pairs of test, not the 2 of test measured here" in page
+
+
+def test_symmetric_scenes_stand_apart_where_any_heading_is_asked_for(data, tmp_path):
+    for yaw_range_deg, there in ((45.0, False), (180.0, True)):
+        metrics, _ = evaluated(data, tmp_path, "identity", count=2, yaw_range_deg=yaw_range_deg)
+        assert ("Symmetric scenes apart" in (tmp_path / "index.html").read_text()) == there
+    table = read_pairs(synthetic_run(data).read("pack"), "test")
+    drawn = json.loads((tmp_path / "perturbations.json").read_text())["pairs"]
+    maps = [table[i].grid_1 for i in range(len(table)) if table[i].pair_id in drawn]
+    symmetric = sum(turn_symmetry(grid) >= metrics["symmetry"]["symmetric_share"] for grid in maps)
+    assert metrics["symmetry"]["symmetric_pairs"] == symmetric
+    told = metrics["symmetry"]["methods"]["identity"]
+    assert sum(part["count"] for part in told.values() if part is not None) == 2
 
 
 def test_a_row_of_more_pairs_is_not_recorded_over(shown, data, tmp_path):
