@@ -118,11 +118,11 @@ class MatcherEstimator:
         """The likelihood over the whole search, in the matcher's coarse cells."""
         config = self.model.config
         step, cell_m = config.heading_step_rad, config.coarse_cell_m
-        reach = math.ceil(self.search.yaw_rad / step - 1e-6)
+        reach = max(1, math.ceil(self.search.yaw_rad / step - 1e-6))
         around = round(2.0 * math.pi / step)
         first, count = (-reach, 2 * reach + 1) if 2 * reach + 1 < around else (-(around // 2), around)
         headings = step * np.arange(first, first + count, dtype=np.float64)
-        slides = math.ceil(self.search.xy_m / cell_m - 1e-6)
+        slides = max(1, math.ceil(self.search.xy_m / cell_m - 1e-6))
         scores = self.model.coarse_scores(features, self._tensor(headings), slides)
         axis = cell_m * np.arange(-slides, slides + 1, dtype=np.float64)
         return _volume(headings, axis, axis, scores).normalised()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Mapping
 from dataclasses import asdict
@@ -10,11 +11,13 @@ from typing import Any
 
 import torch
 
+from pipeline.alignment.window import WINDOW_CELL_M
 from pipeline.config import TrainSection
 from pipeline.engine import Run
 from pipeline.errors import ConfigError, StoreError
+from pipeline.stages.calibrate import LEAST_PAIRS, calibrate
 from pipeline.stages.train_processes import joined_processes
-from pipeline.stages.train_record import CHECKPOINT, Recorder
+from pipeline.stages.train_record import CHECKPOINT, WEIGHTS, Recorder
 from pipeline.store.disk import Disk
 from pipeline.store.records import digest_of
 from pipeline.training.checkpoint import read_checkpoint, restore_in_place
@@ -24,7 +27,7 @@ from pipeline.training.model import FrameErrorModel
 from pipeline.training.pairs import PairTable, pairs_per_split, read_pairs
 from pipeline.training.parameters import Budget
 from pipeline.training.processes import Processes
-from pipeline.training.registry import build_model
+from pipeline.training.registry import DEFAULT_MODEL, build_model
 
 _DIGITS = 12
 """Of digests that are told and kept."""
@@ -39,7 +42,7 @@ _MAY_CHANGE = (
 
 
 def train(run: Run, *, out: Path | None = None, resume: bool = False) -> Path:
-    """Train a model until its budget is spent.
+    """Train a model until its budget is spent; fit the matcher's confidence to the validation pairs then.
 
     Args:
         run: the `train` section, where the data lies, and how many cores to use.
@@ -66,7 +69,22 @@ def train(run: Run, *, out: Path | None = None, resume: bool = False) -> Path:
         if processes.first:
             _tell(run, about, pairs_per_split(reader), state, processes)
         _fit(run, state, budget, pairs, about, folder, processes)
+    if processes.first and section.model == DEFAULT_MODEL:
+        _calibrate(run, len(pairs["validation"]), folder)
     return folder
+
+
+def _calibrate(run: Run, validation_pairs: int, folder: Path) -> None:
+    """Fit the confidence where that is possible: on enough pairs, in the windows that are evaluated."""
+    cell_m = run.config.train.sampling.window_cell_m
+    if validation_pairs < LEAST_PAIRS:
+        run.say(f"calibrate: left out, {validation_pairs} validation pairs; it takes {LEAST_PAIRS}")
+        return
+    if not math.isclose(cell_m, WINDOW_CELL_M):
+        run.say(f"calibrate: left out, trained on cells of {cell_m} m; it takes {WINDOW_CELL_M} m")
+        return
+    weights, dataset = folder / WEIGHTS, run.folder("pack")
+    calibrate(weights, dataset, seed=run.config.seed, threads=run.workers, console=run.console)
 
 
 def _fit(

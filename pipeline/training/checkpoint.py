@@ -79,7 +79,10 @@ def read_checkpoint(data: bytes, *, where: str) -> Checkpoint:
             "it may have been cut off while it was copied: copy it again, or train anew"
         ) from error
     if record.get("format") != _FORMAT:
-        raise StoreError(f"{where}: a checkpoint of format {record.get('format')}; must be {_FORMAT}")
+        raise StoreError(
+            f"{where}: of format {record.get('format')}; must be {_FORMAT}: train anew, in another folder or "
+            "after this one is deleted"
+        )
     return Checkpoint(record=record, tensors=tensors)
 
 

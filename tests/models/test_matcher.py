@@ -190,6 +190,12 @@ def test_sharpness_narrows_the_covariance_alone():
     assert (sharp.masses == plain.masses).all()
 
 
+def test_a_search_of_no_width_still_has_neighbours_to_compare():
+    search = SearchRange(xy_m=0.0, yaw_rad=0.0)
+    estimate = MatcherEstimator(model=wall_matcher(), search=search)(window_of(SE2.identity()))
+    assert is_near(estimate.theta, SE2.identity(), within_m=0.05, within_deg=0.5)
+
+
 @pytest.mark.parametrize("yaw_deg", [-178.9, 120.0, 180.0])
 def test_estimator_searches_all_headings_and_four_metres(yaw_deg):
     theta = SE2(3.7, -3.2, math.radians(yaw_deg))

@@ -270,3 +270,29 @@ def test_two_processes_find_what_one_finds_in_batches_twice_as_large(data: Path,
     for mine, other in zip(two, one, strict=True):
         assert mine["training_loss"] == pytest.approx(other["training_loss"], rel=1e-4)
         assert mine["error_x_m"] == pytest.approx(other["error_x_m"], rel=1e-4)
+
+
+def test_a_matcher_is_calibrated_when_its_training_ends(data, tmp_path, monkeypatch):
+    small = (
+        "train.model=matcher",
+        "train.settings={channels: 8, dilations: [1]}",
+        "train.minutes=null",
+        "train.samples=8",
+        "train.validations=1",
+        "train.validation_pairs=2",
+    )
+
+    def said(name: str, *overrides: str) -> str:
+        run = run_in(str(data), (*small, *overrides))
+        train(run, out=tmp_path / name)
+        return run.console.file.getvalue()
+
+    fine = "train.sampling={window_cells: 96, window_cell_m: 0.05}"
+    assert "calibrate: left out" in said("few", fine)
+    monkeypatch.setattr("pipeline.stages.train.LEAST_PAIRS", 1)
+    monkeypatch.setattr("pipeline.stages.calibrate.LEAST_PAIRS", 1)
+    coarse = "train.sampling={window_cells: 48, window_cell_m: 0.4}"
+    assert "trained on cells of 0.4 m; it takes 0.05 m" in said("coarse", coarse)
+    assert "calibrate: on " in said("out", fine)
+    record = read_checkpoint((tmp_path / "out" / WEIGHTS).read_bytes(), where="out").record
+    assert record["calibrated_on"]["pairs"] >= 1
