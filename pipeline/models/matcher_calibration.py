@@ -4,7 +4,7 @@ A matcher is trained on maps with many defects, and is too modest about those wi
 sharper, its covariances are scaled and given a floor (where a label is exact to a centimetre, no estimate can
 be seen to be better), and estimates are called ambiguous below a probability that is drawn from the pairs.
 
-Legend: P pair, G point of a grid of settings.
+Legend: P pair, S scale, G pair of floors.
 """
 
 from __future__ import annotations
@@ -145,21 +145,23 @@ def best_covered(error_P3: Array, covariance_P33: Array) -> tuple[float, float, 
         error_P3: x [m], y [m], yaw [rad] of θ̂⁻¹ θ.
         covariance_P33: that the matcher gave them.
     """
-    grid = list(product(SCALES, FLOORS_M, FLOORS_RAD))
     reach = chi2.ppf(LEVELS, 3)
-    deviation_G, likelihood_G = np.empty(len(grid)), np.empty(len(grid))
-    for i, (scale, floor_m, floor_rad) in enumerate(grid):
-        calibration = Calibration(scale=scale, floor_m=floor_m, floor_rad=floor_rad)
-        covariance = calibration.covariance(covariance_P33)
+    scales_S = np.array(SCALES)[:, None, None, None]
+    deviation_GS, likelihood_GS, grid = [], [], list(product(FLOORS_M, FLOORS_RAD))
+    for floor_m, floor_rad in grid:
+        floor = Calibration(floor_m=floor_m, floor_rad=floor_rad).covariance(np.zeros((3, 3)))
+        covariance = scales_S * covariance_P33 + floor
         solved = np.linalg.solve(covariance, error_P3[..., None])[..., 0]
-        nees_P = np.einsum("pi,pi->p", error_P3, solved)
-        coverage = (nees_P[:, None] <= reach).mean(axis=0)
-        deviation_G[i] = np.abs(coverage - LEVELS).max()
+        nees_SP = np.einsum("spi,pi->sp", solved, error_P3)
+        coverage = (nees_SP[..., None] <= reach).mean(axis=1)
+        deviation_GS.append(np.abs(coverage - LEVELS).max(axis=1))
         # Errors far outside say nothing of the width that the others want.
-        log_density = -0.5 * (np.minimum(nees_P, reach[-1]) + np.linalg.slogdet(covariance)[1])
-        likelihood_G[i] = log_density.mean()
-    near = deviation_G <= deviation_G.min() + SLACK
-    return grid[int(np.where(near, likelihood_G, -np.inf).argmax())]
+        log_density = -0.5 * (np.minimum(nees_SP, reach[-1]) + np.linalg.slogdet(covariance)[1])
+        likelihood_GS.append(log_density.mean(axis=1))
+    deviation, likelihood = np.array(deviation_GS), np.array(likelihood_GS)
+    near = deviation <= deviation.min() + SLACK
+    best, scale = np.unravel_index(int(np.where(near, likelihood, -np.inf).argmax()), near.shape)
+    return SCALES[int(scale)], *grid[int(best)]
 
 
 def _error(posterior: RefinedPosterior, theta: SE2) -> Array:
