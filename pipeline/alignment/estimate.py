@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -18,18 +19,22 @@ class Estimate:
             lie. None if the method found none.
         covariance: (3, 3) of the components x [m], y [m], yaw [rad] of θ̂⁻¹ θ; None from a method that
             cannot tell.
+        degrees_of_freedom: of the Student's t distribution that has this covariance, more than 2; infinite:
+            the errors are normal.
         ambiguous: another, distinct θ explains the maps about as well.
         reason: why there is no theta; empty if there is one.
     """
 
     theta: SE2 | None
     covariance: Array | None = None
+    degrees_of_freedom: float = math.inf
     ambiguous: bool = False
     reason: str = ""
 
     def __post_init__(self) -> None:
         assert (self.theta is None) == bool(self.reason), "an estimate has a theta or else a reason"
         assert self.covariance is None or self.covariance.shape == (3, 3)
+        assert self.degrees_of_freedom > 2.0, self.degrees_of_freedom
 
 
 class FrameErrorEstimator(Protocol):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -32,6 +33,7 @@ class Outcome:
         theta: the true frame error θ in the window frame.
         theta_hat: the estimate θ̂; None if there is none.
         covariance: (3, 3) that the method gives to the components of θ̂⁻¹ θ; None if it gives none.
+        degrees_of_freedom: of the t distribution that has this covariance; infinite: a normal one.
         ambiguous: whether the method calls its own estimate so.
         reason: why there is no estimate; empty if there is one.
         log_density: of θ under the method's posterior [1 / (m² rad)]; None if it has no posterior.
@@ -43,6 +45,7 @@ class Outcome:
     theta: SE2
     theta_hat: SE2 | None
     covariance: Array | None
+    degrees_of_freedom: float
     ambiguous: bool
     reason: str
     log_density: float | None
@@ -61,6 +64,7 @@ class Outcome:
             "theta": self.theta.as_array().tolist(),
             "theta_hat": None if self.theta_hat is None else self.theta_hat.as_array().tolist(),
             "covariance": None if self.covariance is None else self.covariance.tolist(),
+            "degrees_of_freedom": _none_if_infinite(self.degrees_of_freedom),
             "ambiguous": self.ambiguous,
             "reason": self.reason,
             "log_density": self.log_density,
@@ -72,14 +76,20 @@ class Outcome:
     def from_json(fields: Mapping[str, Any]) -> Outcome:
         """Inverse of `to_json`."""
         theta_hat, covariance = fields["theta_hat"], fields["covariance"]
+        tails = fields["degrees_of_freedom"]
         return Outcome(
             **{
                 **fields,
                 "theta": SE2.from_array(fields["theta"]),
                 "theta_hat": None if theta_hat is None else SE2.from_array(theta_hat),
                 "covariance": None if covariance is None else np.array(covariance),
+                "degrees_of_freedom": math.inf if tails is None else tails,
             }
         )
+
+
+def _none_if_infinite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
 
 
 def outcome(
@@ -106,6 +116,7 @@ def outcome(
         theta=sample.theta_w,
         theta_hat=estimate.theta,
         covariance=estimate.covariance,
+        degrees_of_freedom=estimate.degrees_of_freedom,
         ambiguous=estimate.ambiguous,
         reason=estimate.reason,
         log_density=log_density,
@@ -166,6 +177,11 @@ class Outcomes:
         """(N, 3, 3); NaN where there is none."""
         missing = np.full((3, 3), np.nan)
         return np.array([missing if row.covariance is None else row.covariance for row in self.rows])
+
+    @cached_property
+    def degrees_of_freedom(self) -> Array:
+        """(N,) of the distributions that have the covariances."""
+        return np.array([row.degrees_of_freedom for row in self.rows])
 
     @cached_property
     def log_density(self) -> Array:

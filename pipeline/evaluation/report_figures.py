@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from pipeline.alignment.spread import ellipsoid_probability, nees
 from pipeline.errors import SetupError
-from pipeline.evaluation.calibration import LEVELS, chi_square_probability, nees
+from pipeline.evaluation.calibration import LEVELS
 from pipeline.evaluation.canvas import BLUE, INK, MUTED, RED, Colour
 from pipeline.evaluation.estimates import SUCCESS_M, SUCCESS_RAD, Outcomes, Pairs
 from pipeline.evaluation.summary import OVERLAP_EDGES
@@ -160,7 +161,8 @@ def calibration_chart(found: Mapping[str, Outcomes]) -> bytes | None:
 def _probabilities(axis: Axes, name: str, outcomes: Outcomes, chosen: Mask) -> None:
     if not chosen.any():
         return
-    inside = np.sort(chi_square_probability(nees(outcomes.error[chosen], outcomes.covariance[chosen])))
+    distance = nees(outcomes.error[chosen], outcomes.covariance[chosen])
+    inside = np.sort(ellipsoid_probability(distance, outcomes.degrees_of_freedom[chosen]))
     share = np.arange(1, len(inside) + 1) / len(inside)
     x, y = np.concatenate([[0.0], inside, [1.0]]), np.concatenate([[0.0], share, [share[-1]]])
     axis.step(x, y, where="post", color=_rgb(COLOURS[name]), lw=1.8, label=title(name))

@@ -211,12 +211,12 @@ def calibration_table(rows: Rows, measured: Sequence[str]) -> Html:
             ("", 1),
             ("flags", 3),
             ("errors inside the ellipsoid of", 3),
-            ("NEES (right: 3, 2.37)", 2),
+            ("NEES (right: 3; normal: 2.37)", 2),
             ("negative log density", 2),
         ],
         [(w, 1) for w in ("method", "flagged", "wrong, not flagged", "wrong, flagged")]
         + [(f"{100 * level:.0f} %", 1) for level in LEVELS]
-        + [(w, 1) for w in ("mean", "median", "normal", "own posterior")],
+        + [(w, 1) for w in ("mean", "median", "by covariance", "own posterior")],
     ]
     body: list[list[Cell | None]] = []
     for name, row in rows.items():
@@ -241,7 +241,7 @@ def _calibration_cells(found: Calibration | None) -> list[Cell]:
         *(Cell(main=share_words(share.value), small=_share_range(share)) for share in found.coverage),
         Cell(main=_number(found.nees_mean, 2)),
         Cell(main=_number(found.nees_median, 2)),
-        Cell(main=_number(found.gaussian_nll, 2)),
+        Cell(main=_number(found.spread_nll, 2)),
         Cell(main=_DASH if found.posterior_nll is None else _number(found.posterior_nll, 2)),
     ]
 

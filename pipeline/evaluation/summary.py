@@ -202,5 +202,5 @@ def _accuracy(fields: Mapping[str, Any]) -> Accuracy:
 def _calibration(fields: Mapping[str, Any] | None) -> Calibration | None:
     if fields is None:
         return None
-    finite = {k: math.inf if fields[k] is None else fields[k] for k in ("nees_mean", "gaussian_nll")}
+    finite = {k: math.inf if fields[k] is None else fields[k] for k in ("nees_mean", "spread_nll")}
     return Calibration(**{**fields, **finite, "coverage": tuple(_interval(v) for v in fields["coverage"])})

@@ -1,38 +1,35 @@
 """What makes a matcher's confidence agree with its errors, fitted on validation pairs.
 
-A matcher is trained on maps with many defects, and is too modest about those without. Its posterior is made
-sharper, its covariances are scaled and given a floor (where a label is exact to a centimetre, no estimate can
-be seen to be better), and estimates are called ambiguous below a probability that is drawn from the pairs.
+A matcher is trained on maps with many defects, and is too modest about those without: its posterior is made
+sharper. A label is exact where the robots meet; away from there maps drift, now and then by much, which no
+window shows: covariances get a floor, and errors are taken as a Student's t distribution has them. Estimates
+are called ambiguous below a probability that the wrong ones among the pairs suggest.
 
-Legend: P pair, S scale, G pair of floors.
+Legend: P pair.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, fields
-from itertools import product
+from dataclasses import asdict, dataclass, fields, replace
 from typing import Any
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.optimize import minimize
 
 from pipeline.alignment.frame_error import pose_difference
+from pipeline.alignment.spread import log_density
 from pipeline.errors import ConfigError, require_within
 from pipeline.geometry.occupancy_grid import Mask
 from pipeline.geometry.se2 import SE2, Array
 from pipeline.models.refined_posterior import RefinedPosterior
 
 SHARPNESSES = tuple(float(s) for s in np.geomspace(0.5, 8.0, 17))
-SCALES = tuple(float(s) for s in np.geomspace(0.05, 5.0, 21))
-FLOORS_M = tuple(float(m) for m in np.arange(0.0, 0.0301, 0.002))
-FLOORS_RAD = tuple(float(rad) for rad in np.radians(np.arange(0.0, 0.81, 0.05)))
 """What is tried."""
+_LIMITS = np.array([[1e-3, 1e3], [1e-5, 1.0], [1e-5, 1.0], [0.1, 1e3]])
+_FIRST_GUESS = (0.5, 0.005, 0.003, 3.0)
+"""Scale, floor of x and y [m], of yaw [rad], degrees of freedom above 2."""
 
-LEVELS = (0.3, 0.5, 0.7, 0.8, 0.9, 0.95)
-"""Probabilities of the ellipsoids whose coverage shall be right."""
-SLACK = 0.01
-"""Settings whose worst coverage is this near to the best are told apart by likelihood."""
 WRONG_M, WRONG_RAD = 0.5, float(np.radians(5.0))
 """An estimate farther from the truth than either is wrong."""
 WRONG_SHARE, FLAGGED_SHARE = 0.005, 0.13
@@ -47,6 +44,7 @@ class Calibration:
         sharpness: exponent of the density around each peak, its mass untouched.
         scale: factor of the covariance that then comes out.
         floor_m, floor_rad: standard deviations that are added to it, of x and y and of yaw.
+        degrees_of_freedom: of the Student's t distribution that then has this covariance; more than 2.
         least_mass: an estimate is ambiguous where its peak has less probability than this.
     """
 
@@ -54,6 +52,7 @@ class Calibration:
     scale: float = 1.0
     floor_m: float = 0.0
     floor_rad: float = 0.0
+    degrees_of_freedom: float = 1000.0
     least_mass: float = 0.9
 
     def __post_init__(self) -> None:
@@ -63,6 +62,7 @@ class Calibration:
             scale=(0.001, 1000.0),
             floor_m=(0.0, 10.0),
             floor_rad=(0.0, 3.2),
+            degrees_of_freedom=(2.01, 1e6),
             least_mass=(0.0, 1.0),
         )
 
@@ -100,8 +100,8 @@ class Reading:
 def fitted(readings: Sequence[Reading]) -> Calibration:
     """The calibration that fits best.
 
-    Sharpness by likelihood of the truth, scale and floors by coverage, both over the pairs that are not
-    ambiguous; before that, which ones are.
+    First what is ambiguous; of the other pairs then, by likelihood of the truth, the sharpness of the density
+    and the spread of the errors.
     """
     mass_P = np.array([reading.posterior.masses[0] for reading in readings])
     error_P3 = np.array([_error(reading.posterior, reading.theta) for reading in readings])
@@ -116,10 +116,8 @@ def fitted(readings: Sequence[Reading]) -> Calibration:
     sharpness = SHARPNESSES[int(np.argmax(likelihoods))]
     sharp = [reading.posterior.sharpened(sharpness) for reading in sure]
     error_P3 = np.array([_error(one, reading.theta) for one, reading in zip(sharp, sure, strict=True)])
-    scale, floor_m, floor_rad = best_covered(error_P3, np.array([one.best().covariance for one in sharp]))
-    return Calibration(
-        sharpness=sharpness, scale=scale, floor_m=floor_m, floor_rad=floor_rad, least_mass=least_mass
-    )
+    spread = most_likely_spread(error_P3, np.array([one.best().covariance for one in sharp]))
+    return replace(spread, sharpness=sharpness, least_mass=least_mass)
 
 
 def least_trusted_mass(mass_P: Array, wrong_P: Mask) -> float:
@@ -138,30 +136,30 @@ def least_trusted_mass(mass_P: Array, wrong_P: Mask) -> float:
     return float(0.5 * (mass_P[order[flagged - 1]] + mass_P[order[flagged]]))
 
 
-def best_covered(error_P3: Array, covariance_P33: Array) -> tuple[float, float, float]:
-    """Scale of the covariances, and floors of x, y [m] and yaw [rad], under which ellipsoids cover best.
+def most_likely_spread(error_P3: Array, covariance_P33: Array) -> Calibration:
+    """The scale, floors and degrees of freedom under which the errors are most likely.
 
     Args:
         error_P3: x [m], y [m], yaw [rad] of θ̂⁻¹ θ.
         covariance_P33: that the matcher gave them.
     """
-    reach = chi2.ppf(LEVELS, 3)
-    scales_S = np.array(SCALES)[:, None, None, None]
-    deviation_GS, likelihood_GS, grid = [], [], list(product(FLOORS_M, FLOORS_RAD))
-    for floor_m, floor_rad in grid:
-        floor = Calibration(floor_m=floor_m, floor_rad=floor_rad).covariance(np.zeros((3, 3)))
-        covariance = scales_S * covariance_P33 + floor
-        solved = np.linalg.solve(covariance, error_P3[..., None])[..., 0]
-        nees_SP = np.einsum("spi,pi->sp", solved, error_P3)
-        coverage = (nees_SP[..., None] <= reach).mean(axis=1)
-        deviation_GS.append(np.abs(coverage - LEVELS).max(axis=1))
-        # Errors far outside say nothing of the width that the others want.
-        log_density = -0.5 * (np.minimum(nees_SP, reach[-1]) + np.linalg.slogdet(covariance)[1])
-        likelihood_GS.append(log_density.mean(axis=1))
-    deviation, likelihood = np.array(deviation_GS), np.array(likelihood_GS)
-    near = deviation <= deviation.min() + SLACK
-    best, scale = np.unravel_index(int(np.where(near, likelihood, -np.inf).argmax()), near.shape)
-    return SCALES[int(scale)], *grid[int(best)]
+
+    def calibration(logs: Array) -> Calibration:
+        scale, floor_m, floor_rad, tails = np.exp(np.clip(logs, *np.log(_LIMITS).T))
+        return Calibration(
+            scale=float(scale),
+            floor_m=float(floor_m),
+            floor_rad=float(floor_rad),
+            degrees_of_freedom=2.0 + float(tails),
+        )
+
+    def cost(logs: Array) -> float:
+        found = calibration(logs)
+        tails_P = np.full(len(error_P3), found.degrees_of_freedom)
+        return -float(log_density(error_P3, found.covariance(covariance_P33), tails_P).mean())
+
+    options = {"xatol": 1e-3, "fatol": 1e-5, "maxiter": 2000}
+    return calibration(minimize(cost, np.log(_FIRST_GUESS), method="Nelder-Mead", options=options).x)
 
 
 def _error(posterior: RefinedPosterior, theta: SE2) -> Array:

@@ -68,6 +68,7 @@ class MatcherEstimator:
         return Estimate(
             theta=best.mean,
             covariance=self.calibration.covariance(best.covariance),
+            degrees_of_freedom=self.calibration.degrees_of_freedom,
             ambiguous=bool(posterior.masses[0] < self.calibration.least_mass),
         )
 

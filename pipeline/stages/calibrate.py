@@ -61,8 +61,8 @@ def calibrate(
     )
     console.print(
         f"calibrate: on {len(readings)} validation pairs: sharpness {found.sharpness:.2f}; covariance times "
-        f"{found.scale:.2f}, at least {1e3 * found.floor_m:.0f} mm, {np.degrees(found.floor_rad):.2f} deg; "
-        f"ambiguous below {found.least_mass:.3f}",
+        f"{found.scale:.2f}, at least {1e3 * found.floor_m:.1f} mm, {np.degrees(found.floor_rad):.2f} deg; "
+        f"{found.degrees_of_freedom:.1f} degrees of freedom; ambiguous below {found.least_mass:.3f}",
         highlight=False,
     )
     return found

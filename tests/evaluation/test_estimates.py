@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import math
 
 import numpy as np
 import pytest
@@ -71,6 +72,7 @@ def test_an_outcome_survives_json(theta_hat: SE2 | None):
         theta=SE2(1.0, 2.0, 3.0),
         theta_hat=theta_hat,
         covariance=None if theta_hat is None else np.diag([1.0, 2.0, 3.0]),
+        degrees_of_freedom=math.inf if theta_hat is None else 4.5,
         ambiguous=True,
         reason="" if theta_hat else "why not",
         log_density=None if theta_hat is None else -1.5,

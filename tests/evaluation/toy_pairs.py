@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -60,6 +61,7 @@ def outcomes_of(
     error: Array,
     *,
     covariance: Array | None = None,
+    tails: float | None = None,
     ambiguous: Sequence[bool] | None = None,
     failed: Sequence[bool] | None = None,
 ) -> Outcomes:
@@ -73,6 +75,7 @@ def outcomes_of(
                 theta=SE2.from_array(components),
                 theta_hat=None if fails else SE2.identity(),
                 covariance=None if covariance is None else covariance[i],
+                degrees_of_freedom=math.inf if tails is None else tails,
                 ambiguous=ambiguous is not None and bool(ambiguous[i]),
                 reason="a toy" if fails else "",
                 log_density=None,

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from scipy.stats import chi2
 
+from pipeline.alignment.spread import ellipsoid_probability, nees
 from pipeline.alignment.window import SearchRange
 from pipeline.errors import ConfigError
 from pipeline.geometry.se2 import SE2, Array
@@ -17,9 +17,9 @@ from pipeline.models.matcher import MatcherConfig
 from pipeline.models.matcher_calibration import (
     Calibration,
     Reading,
-    best_covered,
     fitted,
     least_trusted_mass,
+    most_likely_spread,
 )
 from pipeline.models.matcher_estimator import MatcherEstimator
 from pipeline.models.posterior import Gaussian, Posterior
@@ -37,20 +37,25 @@ def _drawn(rng: np.random.Generator, covariance: Array) -> Array:
     return (np.linalg.cholesky(covariance) @ rng.normal(size=(len(covariance), 3, 1)))[..., 0]
 
 
-@pytest.mark.parametrize(("factor", "floor_m", "floor_rad"), [(0.25, 0.0, 0.0), (1.0, 0.01, 0.005)])
-def test_ellipsoids_of_other_pairs_cover_as_often_as_they_say(factor, floor_m, floor_rad):
+@pytest.mark.parametrize(
+    ("factor", "floor_m", "floor_rad", "tails"), [(0.25, 0.0, 0.0, 100.0), (1.0, 0.01, 0.005, 4.0)]
+)
+def test_ellipsoids_of_other_pairs_cover_as_often_as_they_say(factor, floor_m, floor_rad, tails):
     rng = np.random.default_rng(0)
     told = _spread(rng, 1600)
     true = factor * told + np.diag(np.square([floor_m, floor_m, floor_rad]))
-    error = _drawn(rng, true)
-    scale, found_m, found_rad = best_covered(error[:800], told[:800])
-    calibration = Calibration(scale=scale, floor_m=found_m, floor_rad=found_rad)
-    covariance = calibration.covariance(told[800:])
-    nees = np.einsum("pi,pij,pj->p", error[800:], np.linalg.inv(covariance), error[800:])
+    error = _drawn(rng, true) * np.sqrt((tails - 2.0) / rng.chisquare(tails, 1600))[:, None]
+    found = most_likely_spread(error[:800], told[:800])
+    assert found.scale == pytest.approx(factor, rel=0.3)
+    assert found.floor_m == pytest.approx(floor_m, abs=0.003)
+    assert (found.degrees_of_freedom > 12.0) == (tails > 12.0)
+    inside = ellipsoid_probability(
+        nees(error[800:], found.covariance(told[800:])), np.full(800, found.degrees_of_freedom)
+    )
     for level in (0.5, 0.9, 0.95):
-        assert (nees <= chi2.ppf(level, 3)).mean() == pytest.approx(level, abs=0.05)
-    before = np.einsum("pi,pij,pj->p", error, np.linalg.inv(told), error)
-    assert abs((before <= chi2.ppf(0.5, 3)).mean() - 0.5) > 0.15
+        assert (inside <= level).mean() == pytest.approx(level, abs=0.05)
+    before = ellipsoid_probability(nees(error, told), np.full(1600, math.inf))
+    assert max(abs((before <= level).mean() - level) for level in (0.5, 0.9)) > 0.1
 
 
 def test_the_wrong_ones_are_flagged_and_as_few_others_as_can_be():
@@ -74,8 +79,9 @@ def test_a_posterior_is_made_as_sharp_as_the_truths_lie():
     found = fitted(readings)
     assert found.sharpness == pytest.approx(4.0, rel=0.3)
     assert found.least_mass < 0.95
-    covered = np.array([_nees(found, reading) for reading in readings])
-    assert (covered <= chi2.ppf(0.5, 3)).mean() == pytest.approx(0.5, abs=0.06)
+    distance = np.array([_nees(found, reading) for reading in readings])
+    inside = ellipsoid_probability(distance, np.full(300, found.degrees_of_freedom))
+    assert (inside <= 0.5).mean() == pytest.approx(0.5, abs=0.06)
 
 
 def _normal(sigma: Array) -> RefinedPosterior:
@@ -105,7 +111,9 @@ def test_an_estimator_reads_its_posterior_as_it_is_calibrated():
     model = (
         MatcherConfig(cell_m=0.1, coarse_factor=2, fine_factor=1, channels=8, dilations=(1,)).build().eval()
     )
-    calibration = Calibration(sharpness=3.0, scale=0.5, floor_m=0.02, floor_rad=0.01, least_mass=0.0)
+    calibration = Calibration(
+        sharpness=3.0, scale=0.5, floor_m=0.02, floor_rad=0.01, degrees_of_freedom=5.0, least_mass=0.0
+    )
     raw = MatcherEstimator(model=model).posterior(_window())
     read = MatcherEstimator(model=model, calibration=calibration)
     for mine, theirs in zip(raw.sharpened(3.0).pieces, read.posterior(_window()).pieces, strict=True):
@@ -115,6 +123,7 @@ def test_an_estimator_reads_its_posterior_as_it_is_calibrated():
     np.testing.assert_allclose(
         estimate.covariance, 0.5 * best.covariance + np.diag([4e-4, 4e-4, 1e-4]), rtol=1e-9
     )
+    assert estimate.degrees_of_freedom == calibration.degrees_of_freedom == 5.0
     assert not estimate.ambiguous
     sure = Calibration(least_mass=1.0)
     assert MatcherEstimator(model=model, calibration=sure)(_window()).ambiguous
