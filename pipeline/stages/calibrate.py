@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -44,28 +43,31 @@ def calibrate(
         ConfigError: the weights are another model's, or there are too few validation pairs.
     """
     disk = Disk(str(weights.parent))
-    data, where = disk.read(weights.name), str(weights)
-    loaded = load(data, "matcher", DEFAULT_SEARCH, where=where, threads=threads).estimator
-    assert isinstance(loaded, MatcherEstimator)
+    found, where = read_checkpoint(disk.read(weights.name), where=str(weights)), str(weights)
+    # As the scores have it, whatever an earlier calibration said.
+    bare = retold(found, calibration=Calibration().as_dict())
+    estimator = load(bare, "matcher", DEFAULT_SEARCH, where=where, threads=threads).estimator
+    assert isinstance(estimator, MatcherEstimator)
     pairs = read_pairs(StageReader(dataset, "pack"), _SPLIT)
-    readings = _readings(replace(loaded, calibration=Calibration()), pairs, seed, count, console)
+    readings = _readings(estimator, pairs, seed, count, console)
     if len(readings) < LEAST_PAIRS:
         raise ConfigError(
             f"{dataset}: {len(readings)} validation pairs show both maps; a calibration needs {LEAST_PAIRS}"
         )
-    found = fitted(readings)
+    calibration = fitted(readings)
     told = {"pairs": len(readings), "data": pairs.digest()}
-    disk.write(
-        weights.name,
-        retold(read_checkpoint(data, where=where), calibration=found.as_dict(), calibrated_on=told),
+    disk.write(weights.name, retold(found, calibration=calibration.as_dict(), calibrated_on=told))
+    console.print(_told(calibration, len(readings)), highlight=False)
+    return calibration
+
+
+def _told(calibration: Calibration, pairs: int) -> str:
+    return (
+        f"calibrate: on {pairs} validation pairs: sharpness {calibration.sharpness:.2f}; covariance times "
+        f"{calibration.scale:.2f}, at least {1e3 * calibration.floor_m:.1f} mm, "
+        f"{np.degrees(calibration.floor_rad):.2f} deg; {calibration.degrees_of_freedom:.1f} degrees of freedom; "
+        f"ambiguous below {calibration.least_mass:.3f}"
     )
-    console.print(
-        f"calibrate: on {len(readings)} validation pairs: sharpness {found.sharpness:.2f}; covariance times "
-        f"{found.scale:.2f}, at least {1e3 * found.floor_m:.1f} mm, {np.degrees(found.floor_rad):.2f} deg; "
-        f"{found.degrees_of_freedom:.1f} degrees of freedom; ambiguous below {found.least_mass:.3f}",
-        highlight=False,
-    )
-    return found
 
 
 def _readings(

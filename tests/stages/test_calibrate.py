@@ -15,7 +15,7 @@ from pipeline.models.matcher_calibration import Calibration
 from pipeline.stages import calibrate
 from pipeline.stages.pack import pack
 from pipeline.stages.trained_estimators import load
-from pipeline.training.checkpoint import read_checkpoint, weights_bytes
+from pipeline.training.checkpoint import read_checkpoint, retold, weights_bytes
 from pipeline.training.loop import TrainingState
 from pipeline.training.parameters import Optimisation, Sampling
 from pipeline.training.registry import build_model
@@ -63,7 +63,8 @@ def test_weights_are_kept_and_a_calibration_is_added(data, tmp_path, monkeypatch
     assert after.record["calibrated_on"]["pairs"] >= 3
     search = SearchRange(xy_m=1.0, yaw_rad=0.3)
     assert load(weights.read_bytes(), "matcher", search, where="w", threads=1).estimator.calibration == found
-    # Once more it starts from the scores, not from what was found before.
+    # Once more it starts from the scores, not from what was found before, be that of use or not.
+    weights.write_bytes(retold(after, calibration={"of": "another version"}))
     assert _called(weights, data)[0] == 0
     assert read_checkpoint(weights.read_bytes(), where="again").record == after.record
 
