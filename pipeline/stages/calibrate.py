@@ -65,8 +65,8 @@ def _told(calibration: Calibration, pairs: int) -> str:
     return (
         f"calibrate: on {pairs} validation pairs: sharpness {calibration.sharpness:.2f}; covariance times "
         f"{calibration.scale:.2f}, at least {1e3 * calibration.floor_m:.1f} mm, "
-        f"{np.degrees(calibration.floor_rad):.2f} deg; {calibration.degrees_of_freedom:.1f} degrees of freedom; "
-        f"ambiguous below {calibration.least_mass:.3f}"
+        f"{np.degrees(calibration.floor_rad):.2f} deg; {calibration.degrees_of_freedom:.1f} degrees of "
+        f"freedom; ambiguous below {calibration.least_mass:.3f}"
     )
 
 
