@@ -138,7 +138,7 @@ _CSS = """
 *{box-sizing:border-box}
 body{margin:0;background:#fff;color:var(--ink);line-height:1.5;
 font:16px/1.5 system-ui,-apple-system,"Segoe UI",Roboto,"Helvetica Neue",Arial,sans-serif}
-main{max-width:1320px;margin:0 auto;padding:40px 28px 80px}
+main{max-width:1400px;margin:0 auto;padding:40px 28px 80px}
 h1{font-size:2.1rem;line-height:1.15;margin:0 0 .4rem;letter-spacing:-.02em}
 h2{font-size:1.35rem;margin:3rem 0 .5rem;letter-spacing:-.01em}
 h3{font-size:1.02rem;margin:1.8rem 0 .3rem}
@@ -160,7 +160,7 @@ th:first-child,td.name,td.words{text-align:left}
 th.group{text-align:center;border-bottom:1px solid var(--line);color:var(--ink)}
 td{padding:.36rem .45rem;text-align:right;border-top:1px solid var(--line);vertical-align:top;
 white-space:nowrap}
-td.words{white-space:normal;min-width:11rem}
+td.words{white-space:normal;min-width:8.5rem}
 td.switch{text-align:center;color:var(--muted)}
 td.paper{color:var(--muted)}
 td.name{font-weight:600;white-space:nowrap}

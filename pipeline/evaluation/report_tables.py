@@ -27,15 +27,16 @@ def table_one(rows: Rows, measured: Sequence[str]) -> Html:
     """
     header = [
         [
-            ("", 4),
+            ("", 5),
             ("paper, on its own pairs", 3),
             ("here, mean absolute error", 3),
             ("median", 3),
-            ("", 4),
+            ("", 3),
         ],
-        [(word, 1) for word in ("method", "ViT", "Reg", "Lie", "Δx m", "Δy m", "Δψ rad")]
+        [(word, 1) for word in ("method", "source", "ViT", "Reg", "Lie")]
+        + [(word, 1) for word in ("Δx m", "Δy m", "Δψ rad")]
         + [(word, 1) for word in ("Δx m", "Δy m", "Δψ rad", "Δx", "Δy", "Δψ")]
-        + [(word, 1) for word in ("success", "95 % below", "no estimate", "source")],
+        + [(word, 1) for word in ("success", "95 % below", "no estimate")],
     ]
     best = _best({name: rows[name] for name in measured})
     own = [name for name in OWN_METHODS if name in rows]
@@ -46,9 +47,14 @@ def table_one(rows: Rows, measured: Sequence[str]) -> Html:
 def _table_one_row(
     name: str, rows: Rows, measured: Sequence[str], best: Mapping[str, str]
 ) -> list[Cell | None]:
-    first = [Cell(main=title(name), kind="name"), *_switches(PAPER.get(name)), *_printed(PAPER.get(name))]
+    first = [
+        Cell(main=title(name), kind="name"),
+        _source(name, rows, measured),
+        *_switches(PAPER.get(name)),
+        *_printed(PAPER.get(name)),
+    ]
     if name not in rows:
-        return [*first, *(Cell(main=_DASH) for _ in range(9)), _source(name, rows, measured)]
+        return [*first, *(Cell(main=_DASH) for _ in range(9))]
     found = rows[name].summary.overall
     return [
         *first,
@@ -64,7 +70,6 @@ def _table_one_row(
         ),
         Cell(main=f"{found.position_p95_m:.2f} m", small=f"{math.degrees(found.heading_p95_rad):.1f}°"),
         Cell(main=share_words(found.failures)),
-        _source(name, rows, measured),
     ]
 
 

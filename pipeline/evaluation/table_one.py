@@ -13,7 +13,7 @@ TITLES = {
     "hough-global": "Hough, global",
     "orb": "ORB + RANSAC",
     "correlative": "Correlative search",
-    "matcher-maps": "Learned matcher, maps alone",
+    "matcher-maps": "Matcher, maps alone",
     "matcher": "Learned matcher",
 }
 
