@@ -32,7 +32,7 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
     cores = len(os.sched_getaffinity(0))
     torch.set_num_threads(cores)
     settings = Optimisation()
-    loader = _loader(_pairs(), settings)
+    loader = _loader(synthetic_pairs(), settings)
     loading = _samples_per_s(loader, settings)
     bare = _trained(repeat(next(iter(loader))), settings)
     both = _trained(loader, settings)
@@ -110,12 +110,12 @@ class _Watch:
         self.after_s.append(time.perf_counter())
 
 
-def _pairs() -> PairTable:
+def synthetic_pairs() -> PairTable:
     """Pairs of two overlapping rooms each, 9 m across, as large as those of the default preset."""
     rows = list(_rows())
     columns = {name: [row[name] for row in rows] for name in rows[0]}
     types = {"map_0": IMAGE_TYPE, "map_1": IMAGE_TYPE} | dict.fromkeys(
-        ("origin_0", "origin_1", "T_m1_r1", "T_m0_m1_local"), SE2_TYPE
+        ("origin_0", "origin_1", "T_m0_r0", "T_m1_r1", "T_m0_m1_local"), SE2_TYPE
     )
     return PairTable(
         "train", pa.table({name: pa.array(values, types.get(name)) for name, values in columns.items()})
@@ -135,12 +135,14 @@ def _rows() -> Iterator[dict[str, Any]]:
         yield {
             "pair_id": f"pair-{number}",
             "plan_id": "plan",
+            "plan_digest": "plan",
             "seed": 0,
             "map_0": png,
             "map_1": png,
             "origin_0": [-4.5, -4.5, 0.0],
             "origin_1": [-4.5, -4.5, 0.0],
             "resolution_m": 0.05,
+            "T_m0_r0": [-1.0, 0.5, 0.0],
             "T_m1_r1": [0.0, 0.0, 0.0],
             "T_m0_m1_local": [1.0, 0.5, 0.3],
             "overlap": 0.6,
