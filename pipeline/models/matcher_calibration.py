@@ -32,7 +32,7 @@ _FIRST_GUESS = (0.5, 0.005, 0.003, 3.0)
 
 WRONG_M, WRONG_RAD = 0.5, float(np.radians(5.0))
 """An estimate farther from the truth than either is wrong."""
-WRONG_SHARE, FLAGGED_SHARE = 0.005, 0.13
+WRONG_SHARE, FLAGGED_SHARE = 0.005, 0.5
 """Of estimates that are not flagged, no more shall be wrong; but of all, no more shall be flagged."""
 
 
