@@ -9,6 +9,9 @@ from typing import Protocol
 from pipeline.alignment.window import MapWindow
 from pipeline.geometry.se2 import SE2, Array
 
+WRONG_M, WRONG_RAD = 0.5, math.radians(5.0)
+"""An estimate farther from the truth than either would spoil the fused map."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Estimate:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.alignment.estimate import Estimate
+from pipeline.alignment.estimate import WRONG_M, WRONG_RAD, Estimate
 from pipeline.alignment.frame_error import corrected, pose_difference
 from pipeline.geometry.occupancy_grid import Mask
 from pipeline.geometry.se2 import SE2, Array
@@ -20,8 +20,6 @@ from pipeline.training.perturbation import PerturbedPair
 
 SUCCESS_M, SUCCESS_RAD = 0.3, float(np.radians(3.0))
 """An estimate within this of the truth is a success."""
-WRONG_M, WRONG_RAD = 0.5, float(np.radians(5.0))
-"""An estimate farther than either from the truth would spoil the fused map."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -6,14 +6,8 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from pipeline.evaluation.estimates import (
-    SUCCESS_M,
-    SUCCESS_RAD,
-    WRONG_M,
-    WRONG_RAD,
-    Outcomes,
-    Pairs,
-)
+from pipeline.alignment.estimate import WRONG_M, WRONG_RAD
+from pipeline.evaluation.estimates import SUCCESS_M, SUCCESS_RAD, Outcomes, Pairs
 from pipeline.evaluation.gallery import Panel
 from pipeline.evaluation.html_page import (
     Html,

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import minimize
 
+from pipeline.alignment.estimate import WRONG_M, WRONG_RAD
 from pipeline.alignment.frame_error import pose_difference
 from pipeline.alignment.spread import log_density
 from pipeline.errors import ConfigError, require_within
@@ -30,8 +31,6 @@ _LIMITS = np.array([[1e-3, 1e3], [1e-5, 1.0], [1e-5, 1.0], [0.1, 1e3]])
 _FIRST_GUESS = (0.5, 0.005, 0.003, 3.0)
 """Scale, floor of x and y [m], of yaw [rad], degrees of freedom above 2."""
 
-WRONG_M, WRONG_RAD = 0.5, float(np.radians(5.0))
-"""An estimate farther from the truth than either is wrong."""
 WRONG_SHARE, FLAGGED_SHARE = 0.005, 0.5
 """Of estimates that are not flagged, no more shall be wrong; but of all, no more shall be flagged."""
 

@@ -7,13 +7,14 @@ import pytest
 from pytest import approx
 from scipy.stats import kstest, multivariate_normal, multivariate_t
 
+from pipeline.alignment.estimate import WRONG_M, WRONG_RAD
 from pipeline.alignment.spread import ellipsoid_probability, log_density, nees
 from pipeline.evaluation.calibration import (
     LEVELS,
     calibration,
     warnings,
 )
-from pipeline.evaluation.estimates import SUCCESS_M, WRONG_M, WRONG_RAD
+from pipeline.evaluation.estimates import SUCCESS_M
 from tests.evaluation.toy_pairs import outcomes_of
 
 COUNT = 6000
