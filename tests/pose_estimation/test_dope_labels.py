@@ -5,7 +5,7 @@ import pytest
 from PIL import Image, ImageDraw
 
 from pipeline.geometry.cuboid import pose_from_cuboid, project_cuboid
-from pipeline.rendering.dope_labels import belief_maps, vector_fields
+from pipeline.pose_estimation.dope_labels import belief_maps, vector_fields
 from tests.geometry.test_cuboid import CAMERA, SIZE_M, random_pose
 
 SIZE_PX, STRIDE_PX = 400, 8
