@@ -13,10 +13,11 @@ from rich.console import Console
 
 from pipeline.config import load_config
 from pipeline.engine import Run
-from pipeline.evaluation.metrics import pose_error, wall_agreement
+from pipeline.evaluation.metrics import pose_error
 from pipeline.geometry.camera import PinholeCamera, se3_from_se2
 from pipeline.geometry.occupancy_grid import FREE, OccupancyGrid, grid_from_png, overlap
 from pipeline.geometry.se2 import SE2
+from pipeline.geometry.wall_agreement import wall_agreement
 from pipeline.pool import Engine
 from pipeline.schema import PAIRS
 from pipeline.stages.explore import explore

@@ -6,12 +6,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from pipeline.evaluation.metrics import ghost_cells, pose_error, wall_agreement
+from pipeline.evaluation.metrics import ghost_cells, pose_error
 from pipeline.exploration.records import Episode, Event, Snapshot
 from pipeline.exploration.rendezvous import Sighting
 from pipeline.floorplan.records import Floorplan
 from pipeline.geometry.occupancy_grid import overlap
 from pipeline.geometry.se2 import SE2, Array
+from pipeline.geometry.wall_agreement import wall_agreement
 from pipeline.simulation.robot import RobotSpec
 
 

@@ -7,19 +7,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pipeline.evaluation.metrics import distance_to_segments, ghost_cells, pose_error, wall_agreement
-from pipeline.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, grid_from_png
+from pipeline.evaluation.metrics import distance_to_segments, ghost_cells, pose_error
+from pipeline.geometry.occupancy_grid import FREE, OCCUPIED, OccupancyGrid
 from pipeline.geometry.se2 import SE2
 from tests.synthetic import RESOLUTION_M, building, synthetic_row
 
 poses = st.builds(SE2, st.floats(-5, 5), st.floats(-5, 5), st.floats(-3.2, 3.2))
-
-
-def _grids(row):
-    return [
-        grid_from_png(row[f"map_{i}"], resolution_m=row["resolution_m"], T_m_g=row[f"origin_{i}"])
-        for i in "01"
-    ]
 
 
 @cache
@@ -40,51 +33,6 @@ def test_local_transform_is_the_chain_through_the_meeting(row):
 def test_local_transform_is_the_start_transform_when_slam_is_right(row):
     chain = row["T_m0_r0_true"] @ row["T_r0_r1_true"] @ row["T_m1_r1_true"].inverse()
     assert chain.wrapped().as_array() == pytest.approx(row["T_m0_m1"].as_array(), abs=1e-12)
-
-
-def test_rightly_aligned_maps_pass_the_check(row):
-    agreement = wall_agreement(*_grids(row), row["T_m0_m1_local"])
-    assert agreement.compared > 100
-    assert agreement.share >= 0.95
-
-
-@pytest.mark.parametrize("shift", [SE2(0.3, 0, 0), SE2(0, 0.3, 0), SE2(0, 0, 0.0524), SE2(0, 0, -0.0524)])
-def test_maps_off_by_30_cm_or_3_degrees_fail_the_check(shift):
-    # The hardest turn is the one about the meeting point, where the maps overlap.
-    shares = []
-    for seed in range(6):
-        row = _row(seed)
-        C = SE2(row["T_m0_r0"].x_m, row["T_m0_r0"].y_m, 0.0)
-        wrong = C @ shift @ C.inverse() @ row["T_m0_m1_local"]
-        shares.append(wall_agreement(*_grids(row), wrong).share)
-    assert np.median(shares) < 0.95
-
-
-def test_agreement_is_the_same_from_either_map(row):
-    grids = _grids(row)
-    there = wall_agreement(grids[0], grids[1], row["T_m0_m1"])
-    assert wall_agreement(grids[1], grids[0], row["T_m0_m1"].inverse()) == there
-
-
-def _wall(col: int) -> OccupancyGrid:
-    cells = np.full((10, 40), FREE, np.uint8)
-    cells[:, col] = OCCUPIED
-    return OccupancyGrid(cells=cells, resolution_m=RESOLUTION_M, T_m_g=SE2.identity())
-
-
-@pytest.mark.parametrize(("cells_apart", "share"), [(0, 1.0), (1, 1.0), (2, 1.0), (3, 0.0)])
-def test_walls_agree_up_to_ten_centimetres(cells_apart, share):
-    agreement = wall_agreement(_wall(20), _wall(20 + cells_apart), SE2.identity())
-    assert agreement.compared == 20
-    assert agreement.share == share
-
-
-def test_walls_outside_the_other_map_are_not_compared():
-    unknown = OccupancyGrid(
-        cells=np.full((10, 40), UNKNOWN, np.uint8), resolution_m=RESOLUTION_M, T_m_g=SE2.identity()
-    )
-    agreement = wall_agreement(_wall(20), unknown, SE2.identity())
-    assert (agreement.compared, agreement.share) == (0, None)
 
 
 @given(poses)
