@@ -39,7 +39,7 @@ class MatcherEstimator:
     Attributes:
         model: in evaluation mode; works where its weights are.
         search: where to look for θ.
-        priors: what is known of θ before looking at the maps, in w; several are a mixture in equal parts.
+        priors: what is known of θ before looking at the maps, in w; several are a mixture by their weights.
         peaks: how many peaks of the coarse volume are looked at closely at most.
         negligible: peaks are left out once no more than this probability is left.
         calibration: how to read the posterior.

@@ -33,10 +33,12 @@ class Gaussian:
     Attributes:
         mean: its centre.
         covariance: (3, 3) of the components of `mean⁻¹ θ`.
+        weight: its part of a mixture, positive; the parts need not sum to 1.
     """
 
     mean: SE2
     covariance: Array
+    weight: float = 1.0
 
     def through_cells(self, cell_m: float, cell_rad: float) -> Gaussian:
         """The same as cells of this size show it: even where it is narrower than one, one of them gets it."""
@@ -186,8 +188,8 @@ class Posterior:
         """This posterior times a normal prior, normalised again.
 
         Args:
-            priors: several stand for their mixture in equal parts: a pose estimator that may have seen the
-                robot the wrong way round, say.
+            priors: several stand for their mixture, each by its weight: a pose estimator that may have seen
+                the robot the wrong way round, say.
         """
         log_p = self.log_p_HYX + log_prior(priors, self.headings_rad, self.ys_m, self.xs_m)
         return replace(self, log_p_HYX=log_p).normalised()
@@ -209,7 +211,7 @@ class Posterior:
 
 
 def log_prior(priors: Sequence[Gaussian], headings_rad: Array, ys_m: Array, xs_m: Array) -> Array:
-    """(H, Y, X): log of the mean of normal densities at each cell of a grid, but for a constant."""
+    """(H, Y, X): log of a mixture of normal densities at each cell of a grid, but for a constant."""
     logs = []
     for prior in priors:
         x = xs_m - prior.mean.x_m
@@ -218,7 +220,8 @@ def log_prior(priors: Sequence[Gaussian], headings_rad: Array, ys_m: Array, xs_m
         turn = _wrapped(headings_rad - prior.mean.yaw_rad)[:, None, None]
         d = np.stack(np.broadcast_arrays(c * x + s * y, c * y - s * x, turn), -1)
         square = np.einsum("...i,ij,...j->...", d, np.linalg.inv(prior.covariance), d)
-        logs.append(-0.5 * (square + np.linalg.slogdet(prior.covariance)[1]))
+        log_det = np.linalg.slogdet(prior.covariance)[1]
+        logs.append(math.log(prior.weight) - 0.5 * (square + log_det))
     total: Array = np.logaddexp.reduce(logs)
     return total
 

@@ -157,14 +157,17 @@ def test_a_refined_posterior_weighs_its_pieces():
     assert refined.best().mean.as_array() == pytest.approx([0.2, 0.1, 0.1], abs=1e-3)
 
 
-def test_several_priors_are_a_mixture_in_equal_parts():
+@pytest.mark.parametrize(("weights", "shares"), [((1.0, 1.0), (0.5, 0.5)), ((0.3, 0.1), (0.75, 0.25))])
+def test_several_priors_are_a_mixture_by_their_weights(
+    weights: tuple[float, float], shares: tuple[float, float]
+):
     flat = grid_of((1.0, Gaussian(mean=SE2.identity(), covariance=1e6 * np.eye(3))))
     tight, wide = np.diag([0.004, 0.004, 0.0004]), np.diag([0.01, 0.01, 0.001])
     posterior = flat.times_prior(
-        Gaussian(mean=SE2(0.8, 0.4, 0.4), covariance=tight),
-        Gaussian(mean=SE2(-0.8, -0.4, -0.2), covariance=wide),
+        Gaussian(mean=SE2(0.8, 0.4, 0.4), covariance=tight, weight=weights[0]),
+        Gaussian(mean=SE2(-0.8, -0.4, -0.2), covariance=wide, weight=weights[1]),
     )
-    assert [mode.mass for mode in posterior.modes(2)] == pytest.approx([0.5, 0.5], abs=1e-3)
+    assert [mode.mass for mode in posterior.modes(2)] == pytest.approx(shares, abs=1e-3)
 
 
 def test_a_prior_s_search_reaches_its_tails_wherever_it_looks():
