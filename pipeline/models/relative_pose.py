@@ -1,11 +1,12 @@
 """The paper's RELATIVE-POSE-ESTIMATOR: DOPE's network (Tremblay et al., 2018) and its loss (Eq. 4).
 
-Features at a stride of 8, then stages that each see the features and the maps of the stage before. The published
-network has VGG-19's first ten convolutions as features and six stages of five 7x7 convolutions; the small one
-has the same plan with features of its own and narrower stages, and learns on a CPU.
+Features at a stride of 8, then stages that each see the features and the maps of the stage before. The
+published network has VGG-19's first ten convolutions as features and six stages of five 7x7 convolutions; the
+small one has the same plan with features of its own and narrower stages, and learns on a CPU.
 
 Legend: B image, C channel, H W rows and columns of the image, h w of the maps (H / 8, W / 8), 9 belief maps
-(the cuboid's corners, then its centroid), 16 vector fields (x, y of the direction to the centroid, by corner).
+(the cuboid's corners, then its centroid), 16 vector fields (x, y of the direction to the centroid, by
+corner).
 """
 
 from __future__ import annotations
@@ -66,8 +67,8 @@ class RelativePoseConfig:
         )
         if self.width % _GROUP or not self.stage_kernel % 2:
             raise ConfigError(
-                f"RelativePoseConfig: width {self.width}, stage_kernel {self.stage_kernel}; the width must be a "
-                f"multiple of {_GROUP}, the kernel odd"
+                f"RelativePoseConfig: width {self.width}, stage_kernel {self.stage_kernel}; the width must "
+                f"be a multiple of {_GROUP}, the kernel odd"
             )
 
     @staticmethod
@@ -111,6 +112,9 @@ class StageMaps:
 
 class RelativePoseNet(nn.Module):
     """Belief maps and vector fields of an image, stage by stage."""
+
+    mean: Tensor
+    std: Tensor
 
     def __init__(self, config: RelativePoseConfig) -> None:
         super().__init__()
@@ -188,7 +192,7 @@ def _small_features(config: RelativePoseConfig) -> nn.Sequential:
 
 
 def _vgg_features(config: RelativePoseConfig) -> nn.Sequential:
-    """VGG-19 up to conv4_2 with its ReLU, named 0 to 22 as torchvision does, then two convolutions of DOPE's."""
+    """VGG-19 up to conv4_2 and its ReLU, numbered as torchvision does, then two convolutions of DOPE's."""
     layers, channels = list[nn.Module](), 3
     for item in _VGG19:
         if item == "pool":
@@ -217,7 +221,7 @@ def _later_stage(config: RelativePoseConfig, outputs: int) -> nn.Sequential:
 
 
 def _stage(inputs: int, width: int, wide: int, outputs: int, *, layers: int, kernel: int) -> nn.Sequential:
-    """Convolutions, then two of 1x1; the last starts small, as DOPE's weights do, for targets are mostly 0."""
+    """Convolutions, then two of 1x1; the last starts small, as DOPE's do, for targets are mostly 0."""
     parts = list[nn.Module]()
     for layer in range(layers):
         parts += [
@@ -226,5 +230,6 @@ def _stage(inputs: int, width: int, wide: int, outputs: int, *, layers: int, ker
         ]
     last = nn.Conv2d(wide, outputs, 1)
     nn.init.normal_(last.weight, std=0.01)
+    assert last.bias is not None
     nn.init.zeros_(last.bias)
     return nn.Sequential(*parts, nn.Conv2d(width, wide, 1), nn.ReLU(inplace=True), last)

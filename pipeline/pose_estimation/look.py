@@ -1,8 +1,8 @@
 """The part of an image that the network looks at, and at what size.
 
-A look is a similarity without rotation: input pixel = scale * image pixel + offset. Pixel (0, 0) is the centre of
-the first pixel in both. The network's belief maps have cells of `STRIDE_PX` input pixels; a point at (u, v) of
-the input lies at (u, v) / STRIDE_PX in cells, and cell (row, col) stands for (col, row) (`dope_labels`).
+A look is a similarity without rotation: input pixel = scale * image pixel + offset. Pixel (0, 0) is the
+centre of the first pixel in both. The network's belief maps have cells of `STRIDE_PX` input pixels; a point
+at (u, v) of the input lies at (u, v) / STRIDE_PX in cells, and cell (row, col) stands for (col, row).
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What an estimator of the relative pose gives: where robot 1 stands as robot 0 sees it, or why it cannot say."""
+"""What an estimator of the relative pose gives: where robot 1 stands as seen by robot 0, or why not."""
 
 from __future__ import annotations
 
@@ -39,8 +39,8 @@ class RelativePose:
     """An estimate of the relative pose from one image, or why there is none.
 
     Attributes:
-        modes: readings of the image, the most probable first; several where a robot's front and back, say, are
-            hard to tell apart. None if the robot was not found: a pose is never made up.
+        modes: readings of the image, the most probable first; several where a robot's front and back, say,
+            are hard to tell apart. None if the robot was not found: a pose is never made up.
         score: of the detection, in [0, 1].
         keypoints_px: (9, 2) the cuboid's points that were found in the image, in DOPE's order; NaN for one
             that was not.
