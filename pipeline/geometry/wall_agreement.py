@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from pipeline.geometry.occupancy_grid import UNKNOWN, OccupancyGrid
-from pipeline.geometry.se2 import SE2
+from pipeline.geometry.se2 import SE2, Array
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -44,9 +44,13 @@ def wall_agreement(
 def _one_way(grid_a: OccupancyGrid, grid_b: OccupancyGrid, T_b_a: SE2, tolerance_m: float) -> tuple[int, int]:
     walls_b = T_b_a @ grid_a.cell_centres(grid_a.occupied())
     compared = walls_b[grid_b.sample(walls_b) != UNKNOWN]
-    targets = grid_b.cell_centres(grid_b.occupied())
-    if not len(compared) or not len(targets):
-        return len(compared), 0
+    return len(compared), count_near(compared, grid_b.cell_centres(grid_b.occupied()), tolerance_m)
+
+
+def count_near(points_m: Array, targets_m: Array, tolerance_m: float) -> int:
+    """How many of points (N, 2) [m] have one of targets (M, 2) [m] within the tolerance, itself included."""
+    if not len(points_m) or not len(targets_m):
+        return 0
     # cKDTree's bound is exclusive; the nanometre keeps cells exactly a tolerance apart whatever the rounding.
-    distance_m, _ = cKDTree(targets).query(compared, distance_upper_bound=tolerance_m + 1e-9)
-    return len(compared), int(np.isfinite(distance_m).sum())
+    distance_m, _ = cKDTree(targets_m).query(points_m, distance_upper_bound=tolerance_m + 1e-9)
+    return int(np.isfinite(distance_m).sum())
