@@ -55,8 +55,24 @@ def badge(words: str, kind: str) -> Html:
 
 
 def section(anchor: str, heading: str, *pieces: Piece) -> Html:
-    """A part of the page that can be linked to."""
-    return Html(f'<section id="{anchor}"><h2>{escape(heading)}</h2>{joined(*pieces).text}</section>')
+    """A section of a part of the page."""
+    return Html(f'<section id="{anchor}"><h3>{escape(heading)}</h3>{joined(*pieces).text}</section>')
+
+
+def subheading(words: str) -> Html:
+    """A heading within a section."""
+    return Html(f"<h4>{escape(words)}</h4>")
+
+
+def article(anchor: str, title: str, *pieces: Piece) -> Html:
+    """A part of the page."""
+    return Html(f'<article id="{anchor}"><h2>{escape(title)}</h2>{joined(*pieces).text}</article>')
+
+
+def navigation(links: Sequence[tuple[str, str]], *, kind: str = "") -> Html:
+    """Links to anchors of this page, each with its words."""
+    shown = "".join(f'<a href="#{anchor}">{escape(words)}</a>' for anchor, words in links)
+    return Html(f"<nav{_class(kind)}>{shown}</nav>")
 
 
 def table(header: Sequence[Sequence[tuple[str, int]]], rows: Sequence[Sequence[Cell | None]]) -> Html:
@@ -104,21 +120,19 @@ def facts(named: Sequence[tuple[str, str]]) -> Html:
     return Html(f'<dl class="facts">{items}</dl>')
 
 
-def page(title: str, *, head: Html, contents: Sequence[tuple[str, str]], body: Sequence[Html]) -> str:
+def page(title: str, *, head: Html, body: Sequence[Html]) -> str:
     """The page.
 
     Args:
         title: of the window and the first heading.
         head: below the first heading.
-        contents: anchor and heading of each section.
-        body: the sections.
+        body: the parts.
     """
-    links = "".join(f'<a href="#{anchor}">{escape(words)}</a>' for anchor, words in contents)
     return (
         '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
         f"<title>{escape(title)}</title><style>{_CSS}</style></head><body><main>"
-        f"<header><h1>{escape(title)}</h1>{head.text}<nav>{links}</nav></header>"
+        f"<header><h1>{escape(title)}</h1>{head.text}</header>"
         f"{''.join(part.text for part in body)}</main></body></html>\n"
     )
 
@@ -139,14 +153,17 @@ _CSS = """
 body{margin:0;background:#fff;color:var(--ink);line-height:1.5;
 font:16px/1.5 system-ui,-apple-system,"Segoe UI",Roboto,"Helvetica Neue",Arial,sans-serif}
 main{max-width:1400px;margin:0 auto;padding:40px 28px 80px}
-h1{font-size:2.1rem;line-height:1.15;margin:0 0 .4rem;letter-spacing:-.02em}
-h2{font-size:1.35rem;margin:3rem 0 .5rem;letter-spacing:-.01em}
-h3{font-size:1.02rem;margin:1.8rem 0 .3rem}
+h1{font-size:1rem;color:var(--muted);margin:0 0 .5rem}
+h2{font-size:2.1rem;line-height:1.15;margin:0 0 .4rem;letter-spacing:-.02em}
+h3{font-size:1.35rem;margin:3rem 0 .5rem;letter-spacing:-.01em}
+h4{font-size:1.02rem;margin:1.8rem 0 .3rem}
+article+article{margin-top:5rem;border-top:3px solid var(--ink);padding-top:2.2rem}
 p{max-width:76ch;margin:.5rem 0}
 p.lead{font-size:1.14rem}
 p.note,figcaption{color:var(--muted);font-size:.88rem;max-width:100ch}
 nav{display:flex;flex-wrap:wrap;gap:.2rem 1.1rem;margin:1.4rem 0 0;padding:.7rem 0;
 border-block:1px solid var(--line);font-size:.9rem}
+nav.parts{flex-direction:column;border:0;padding:0;margin:.2rem 0 2.4rem;font-size:1rem;font-weight:600}
 a{color:var(--blue);text-decoration:none}a:hover{text-decoration:underline}
 dl.facts{display:grid;grid-template-columns:repeat(auto-fit,minmax(150px,1fr));gap:1px;margin:1.2rem 0;
 background:var(--line);border:1px solid var(--line);border-radius:8px;overflow:hidden}
@@ -163,7 +180,8 @@ white-space:nowrap}
 td.words{white-space:normal;min-width:8.5rem}
 td.switch{text-align:center;color:var(--muted)}
 td.paper{color:var(--muted)}
-td.name{font-weight:600;white-space:nowrap}
+td.name{font-weight:600}
+td.source{white-space:normal;min-width:12rem}
 td small{display:block;color:var(--muted);font-size:.72rem;font-weight:400;line-height:1.25}
 td.best{font-weight:700;color:var(--blue)}
 tr.rule td{padding:0;border-top:2px solid #c9cdd4}

@@ -1,249 +1,143 @@
-"""The report on frame-error estimators: one page that needs no other file."""
+"""The report: one page of the parts that evaluations left, each made at a time of its own."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
-from pipeline.alignment.estimate import WRONG_M, WRONG_RAD
-from pipeline.evaluation.estimates import SUCCESS_M, SUCCESS_RAD, Outcomes, Pairs
-from pipeline.evaluation.gallery import Panel
+from pipeline.errors import StoreError
 from pipeline.evaluation.html_page import (
     Html,
-    Piece,
+    article,
+    badge,
     facts,
-    figure,
     joined,
+    navigation,
     page,
     paragraph,
     section,
-    strong,
 )
-from pipeline.evaluation.measured_row import Conditions, MeasuredRow
-from pipeline.evaluation.report_figures import calibration_chart, cdf_chart, curve_chart, scatter_chart
-from pipeline.evaluation.report_gallery import Shown, attention_section, gallery_section
-from pipeline.evaluation.report_notes import OVERLAP, SHARES, TASK, comparison_note, table_one_note
-from pipeline.evaluation.report_symmetry import symmetry_section
-from pipeline.evaluation.report_tables import (
-    calibration_table,
-    comparison_table,
-    overlap_table,
-    share_words,
-    table_one,
-    time_table,
-)
-from pipeline.evaluation.summary import Comparison, ranking
-from pipeline.evaluation.symmetry import Symmetry
-from pipeline.evaluation.table_one import title
+
+PARTS = ("relative_pose", "frame_error", "fusion")
+"""What can be evaluated, in the order of the page."""
+
+_FORMAT = 1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ReportContent:
-    """All that the report tells.
+class ReportSection:
+    """A section of a part.
 
     Attributes:
-        conditions: of what was measured now.
-        found: outcomes by method, measured now.
-        rows: figures by method, measured now or recorded, in the order of tables.
-        pairs: what was measured on.
-        symmetry: how they did on symmetric scenes; None where frame errors are too small for it to matter.
-        comparisons: the best of the methods measured now against each other one.
-        gallery: pairs that are drawn.
-        attention: by method, pictures of what it looks at, pair by pair of the gallery.
-        dataset: its folder.
-        versions: of packages.
+        anchor: what a link to it ends in; unique in its part.
+        heading: plain words.
+        body: what it shows.
     """
 
-    conditions: Conditions
-    found: Mapping[str, Outcomes]
-    rows: Mapping[str, MeasuredRow]
-    pairs: Pairs
-    symmetry: Symmetry | None
-    comparisons: Sequence[Comparison]
-    gallery: Sequence[Shown]
-    attention: Mapping[str, Sequence[Panel]]
-    dataset: str
-    versions: Mapping[str, str]
+    anchor: str
+    heading: str
+    body: Html
 
 
-def report(content: ReportContent) -> str:
-    """The page."""
-    parts = [
-        ("table-1", "Table I", _table_one(content)),
-        ("overlap", "By overlap", _overlap(content)),
-        ("symmetry", "Symmetric scenes apart", symmetry_section(content.symmetry)),
-        ("better", "Who is better", _comparisons(content)),
-        ("errors", "How errors are spread", _spread(content)),
-        ("gallery", "Pairs", gallery_section(content.gallery, reference=ranking(content.found)[0])),
-        ("calibration", "Does a method know its error?", _calibration(content)),
-        ("training", "Error against training samples", _curves(content)),
-        ("attention", "What the transformer looks at", attention_section(content.attention)),
-        ("time", "Time, and the error that is left", _time(content)),
-        ("origin", "How it was made", _origin(content)),
-    ]
-    told = [(anchor, heading, pieces) for anchor, heading, pieces in parts if pieces]
-    return page(
-        "Frame error: how well two robots' maps are brought together",
-        head=_head(content),
-        contents=[(anchor, heading) for anchor, heading, _ in told],
-        body=[section(anchor, heading, *pieces) for anchor, heading, pieces in told],
-    )
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReportPart:
+    """What one evaluation tells on the page.
 
+    Attributes:
+        key: of `PARTS`; its figures have it in `metrics.json`.
+        title: plain words.
+        lead: the result, below the title.
+        facts: names and values of what it was measured on.
+        sections: in order.
+    """
 
-def _head(content: ReportContent) -> Html:
-    c, ranked = content.conditions, ranking(content.found)
-    best = content.rows[ranked[0]].summary.overall
-    line: list[Piece] = [
-        strong(title(ranked[0])),
-        f" has the smallest mean error of what was measured here: {best.position_m.value:.3f} m and "
-        f"{math.degrees(best.heading_rad.value):.2f}°, within {SUCCESS_M:g} m and "
-        f"{math.degrees(SUCCESS_RAD):.0f}° in {share_words(best.success.value)} of pairs.",
-    ]
-    if len(ranked) > 1:
-        second = content.rows[ranked[1]].summary.overall
-        line.append(
-            f" Next is {title(ranked[1])} with {second.position_m.value:.3f} m and "
-            f"{math.degrees(second.heading_rad.value):.2f}°, {share_words(second.success.value)}."
+    key: str
+    title: str
+    lead: Html
+    facts: tuple[tuple[str, str], ...]
+    sections: tuple[ReportSection, ...]
+
+    def __post_init__(self) -> None:
+        anchors = [section.anchor for section in self.sections]
+        twice = sorted({anchor for anchor in anchors if anchors.count(anchor) > 1})
+        if twice:
+            raise StoreError(f"{self.key}: more than one section named {', '.join(twice)}; names are unique")
+
+    @property
+    def html(self) -> Html:
+        """The part with links to its sections, whose anchors begin with its key."""
+        named = [(f"{self.key}-{section.anchor}", section) for section in self.sections]
+        return article(
+            self.key,
+            self.title,
+            self.lead,
+            facts(self.facts),
+            navigation([(anchor, shown.heading) for anchor, shown in named]),
+            *(section(anchor, shown.heading, shown.body) for anchor, shown in named),
         )
-    return joined(
-        paragraph(*line, kind="lead"),
-        facts(
-            [
-                ("split", c.split),
-                ("pairs", f"{c.pairs:,}"),
-                ("floor plans", f"{c.plans:,}"),
-                ("frame error drawn from", f"±{c.xy_range_m:g} m, ±{c.yaw_range_deg:g}°"),
-                ("data", c.data_digest[:12]),
-                ("seed", str(c.seed)),
-            ]
-        ),
-    )
 
+    def to_json(self) -> dict[str, Any]:
+        """Values as JSON holds them; the key is left to the file's name."""
+        return {
+            "format": _FORMAT,
+            "title": self.title,
+            "lead": self.lead.text,
+            "facts": [list(fact) for fact in self.facts],
+            "sections": [[shown.anchor, shown.heading, shown.body.text] for shown in self.sections],
+        }
 
-def _table_one(content: ReportContent) -> list[Html]:
-    return [
-        paragraph(TASK),
-        table_one(content.rows, list(content.found)),
-        paragraph(table_one_note(content.conditions), kind="note"),
-    ]
+    @staticmethod
+    def from_json(values: Mapping[str, Any], *, key: str, where: str) -> ReportPart:
+        """Inverse of `to_json`.
 
-
-def _overlap(content: ReportContent) -> list[Html]:
-    return [overlap_table(content.rows, list(content.found)), paragraph(OVERLAP, kind="note")]
-
-
-def _comparisons(content: ReportContent) -> list[Html]:
-    if not content.comparisons:
-        return []
-    note = comparison_note(len(content.comparisons))
-    return [comparison_table(content.comparisons), paragraph(note, kind="note")]
-
-
-def _spread(content: ReportContent) -> list[Html]:
-    return [
-        figure(
-            scatter_chart(content.found, content.pairs),
-            "Position error against overlap (the paper's Fig. 6a), a dot for each pair. Black: the median in "
-            f"each bin of overlap. Dashed: {SUCCESS_M:g} m. Rings: no estimate.",
-            alt="Position error against overlap",
-        ),
-        figure(
-            cdf_chart(content.found),
-            "Share of pairs whose error is below; pairs without an estimate never are. "
-            f"Dashed: {SUCCESS_M:g} m and {math.degrees(SUCCESS_RAD):.0f}°.",
-            alt="Cumulative distribution of the errors",
-        ),
-    ]
-
-
-def _calibration(content: ReportContent) -> list[Html]:
-    chart = calibration_chart(content.found)
-    return [
-        paragraph(
-            f"A fusion can refuse what is uncertain, so a method should say so. Wrong is an error above "
-            f"{WRONG_M:g} m or {math.degrees(WRONG_RAD):.0f}°. Flagged is an estimate that the method itself "
-            "calls ambiguous, or none. Covariances are tested on the estimates that are not flagged: of the "
-            f"errors, 50, 90 and 95 % should lie inside the ellipsoids of those probabilities. {SHARES}"
-        ),
-        calibration_table(content.rows, list(content.found)),
-        *(
-            []
-            if chart is None
-            else [
-                figure(
-                    chart,
-                    "Below the diagonal a method is too sure of itself, above it too careful.",
-                    alt="Coverage of the covariances",
+        Raises:
+            StoreError: these are not the values of a part.
+        """
+        try:
+            if values["format"] != _FORMAT:
+                raise StoreError(
+                    f"{where}: a part of the report of format {values['format']}; must be {_FORMAT}"
                 )
-            ]
-        ),
-    ]
+            return ReportPart(
+                key=key,
+                title=_words(values["title"]),
+                lead=Html(_words(values["lead"])),
+                facts=tuple((_words(name), _words(value)) for name, value in values["facts"]),
+                sections=tuple(
+                    ReportSection(anchor=_words(anchor), heading=_words(heading), body=Html(_words(body)))
+                    for anchor, heading, body in values["sections"]
+                ),
+            )
+        except (KeyError, TypeError, ValueError) as error:
+            raise StoreError(f"{where}: no part of the report ({error})") from error
 
 
-def _curves(content: ReportContent) -> list[Html]:
-    curves = {
-        name: row.training.curve
-        for name, row in content.rows.items()
-        if row.training is not None and row.training.curve is not None
-    }
-    chart = curve_chart(curves)
-    if chart is None:
-        return []
-    return [
-        figure(
-            chart,
-            "On validation pairs, while training; dashed where the error was still falling at the end.",
-            alt="Validation error against training samples",
-        )
-    ]
+def report_page(parts: Sequence[ReportPart], *, absent: Sequence[str] = ()) -> str:
+    """The page of all parts.
 
-
-def _time(content: ReportContent) -> list[Html]:
-    return [
-        time_table(content.rows, list(content.found)),
-        paragraph(
-            f"On {content.conditions.hardware}. Methods without a network run in as many processes as there "
-            "are workers, one thread each; networks in one process with all threads. The last column of "
-            "figures is how far the corrected transform T̂ puts robot 1 from where it stands.",
-            kind="note",
-        ),
-    ]
-
-
-def _origin(content: ReportContent) -> list[Html]:
-    c = content.conditions
-    told = [
-        ("dataset", f"{content.dataset}, split {c.split}"),
-        ("digest of the pairs", c.data_digest),
-        ("digest of the frame errors", c.perturbation_digest),
-        ("seed of the frame errors", str(c.seed)),
-        ("commit", c.commit or "not known"),
-        ("hardware", c.hardware),
-        *((f"weights of {title(n)}", w) for n, w in _weights(content.rows).items()),
-        *content.versions.items(),
-    ]
-    rows = "".join(
-        joined(
-            Html("<tr><td class='name'>"),
-            k,
-            Html("</td><td class='words'><code>"),
-            v,
-            Html("</code></td></tr>"),
-        ).text
-        for k, v in told
+    Args:
+        parts: in any order.
+        absent: keys of evaluations that were made and whose parts cannot be shown.
+    """
+    ordered = sorted(parts, key=lambda part: PARTS.index(part.key))
+    links = navigation([(part.key, part.title) for part in ordered], kind="parts")
+    return page(
+        "Rendezvous: report",
+        # One part alone has its title right below.
+        head=joined(links if len(ordered) > 1 else "", *(_absence(key) for key in absent)),
+        body=[part.html for part in ordered],
     )
-    return [
-        Html(f'<div class="scroll"><table><tbody>{rows}</tbody></table></div>'),
-        paragraph(
-            "Beside this page lie the frame errors of all pairs, ",
-            Html("<code>perturbations.json</code>"),
-            ", and all figures, ",
-            Html("<code>metrics.json</code>"),
-            ".",
-        ),
-    ]
 
 
-def _weights(rows: Mapping[str, MeasuredRow]) -> dict[str, str]:
-    return {n: row.training.weights_digest for n, row in rows.items() if row.training is not None}
+def _absence(key: str) -> Html:
+    return paragraph(
+        badge("not shown", "warning"),
+        f" The evaluation “{key}” was made, and its part of this page is missing or damaged; run it again.",
+    )
+
+
+def _words(value: Any) -> str:
+    if not isinstance(value, str):
+        raise TypeError(f"{value!r} is not text")
+    return value

@@ -2,33 +2,23 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from pipeline.alignment.spread import ellipsoid_probability, nees
-from pipeline.errors import SetupError
 from pipeline.evaluation.calibration import LEVELS
 from pipeline.evaluation.canvas import BLUE, INK, MUTED, RED, Colour
 from pipeline.evaluation.estimates import SUCCESS_M, SUCCESS_RAD, Outcomes, Pairs
+from pipeline.evaluation.plotting import chart, plain_numbers, png, rgb
 from pipeline.evaluation.summary import OVERLAP_EDGES
 from pipeline.evaluation.table_one import title
 from pipeline.evaluation.training_curve import TrainingCurve, doubt
 from pipeline.geometry.occupancy_grid import Mask
 
-try:
-    import matplotlib as mpl
+if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.axis import Axis
-    from matplotlib.figure import Figure
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
-except ImportError as error:
-    raise SetupError(
-        "the report's charts need matplotlib, which is not installed; "
-        "`pip install 'rendezvous-fusion[learn]'` installs it"
-    ) from error
 
 COLOURS: dict[str, Colour] = {
     "identity": (150, 154, 162),
@@ -48,25 +38,6 @@ COLOURS: dict[str, Colour] = {
     "vit-reg-lie": (112, 44, 132),
 }
 
-_STYLE: dict[Any, Any] = {
-    "font.family": "DejaVu Sans",
-    "font.size": 9.5,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.edgecolor": "#8a8e96",
-    "axes.labelcolor": "#26282e",
-    "axes.titlesize": 10.5,
-    "axes.titleweight": "bold",
-    "axes.titlelocation": "left",
-    "xtick.color": "#767a82",
-    "ytick.color": "#767a82",
-    "grid.color": "#e5e7eb",
-    "axes.grid": True,
-    "axes.axisbelow": True,
-    "legend.frameon": False,
-    "savefig.dpi": 170,
-}
-_WIDTH_IN = 10.0
 _LEAST_M, _MOST_M = 0.004, 12.0
 _LEAST_DEG, _MOST_DEG = 0.05, 180.0
 _COLUMNS = 4
@@ -74,10 +45,9 @@ _COLUMNS = 4
 
 def scatter_chart(found: Mapping[str, Outcomes], pairs: Pairs) -> bytes:
     """Fig. 6a: error against overlap, a panel for each method, with the median in each bin of overlap."""
-    with mpl.rc_context(_STYLE):
-        columns = min(_COLUMNS, len(found))
-        rows = -(-len(found) // columns)
-        figure = Figure(figsize=(_WIDTH_IN, 0.6 + 2.5 * rows), layout="constrained")
+    columns = min(_COLUMNS, len(found))
+    rows = -(-len(found) // columns)
+    with chart(0.6 + 2.5 * rows) as figure:
         axes = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
         for axis, (name, outcomes) in zip(axes, found.items(), strict=False):
             _scatter(axis, name, outcomes, pairs)
@@ -86,42 +56,41 @@ def scatter_chart(found: Mapping[str, Outcomes], pairs: Pairs) -> bytes:
             axis.tick_params(labelbottom=number + columns >= len(found))
         figure.supxlabel("overlap", fontsize=9.5)
         figure.supylabel("position error [m]", fontsize=9.5)
-        return _png(figure)
+        return png(figure)
 
 
 def _scatter(axis: Axes, name: str, outcomes: Outcomes, pairs: Pairs) -> None:
     error_m = outcomes.position_m.clip(_LEAST_M, _MOST_M)
     good = ~outcomes.failed
-    axis.scatter(pairs.overlap[good], error_m[good], s=9, color=_rgb(COLOURS[name]), alpha=0.55, linewidths=0)
-    axis.scatter(pairs.overlap[~good], error_m[~good], s=14, facecolors="none", edgecolors=_rgb(INK), lw=0.6)
+    axis.scatter(pairs.overlap[good], error_m[good], s=9, color=rgb(COLOURS[name]), alpha=0.55, linewidths=0)
+    axis.scatter(pairs.overlap[~good], error_m[~good], s=14, facecolors="none", edgecolors=rgb(INK), lw=0.6)
     edges = np.array([0.0, *OVERLAP_EDGES, max(1.0, float(pairs.overlap.max()))])
     bins = np.digitize(pairs.overlap, OVERLAP_EDGES)
     for b in np.unique(bins):
         median_m = float(np.median(error_m[bins == b]))
-        axis.plot(edges[b : b + 2], [median_m, median_m], color=_rgb(INK), lw=1.8, solid_capstyle="butt")
-    axis.axhline(SUCCESS_M, color=_rgb(MUTED), lw=0.8, ls=(0, (4, 3)))
+        axis.plot(edges[b : b + 2], [median_m, median_m], color=rgb(INK), lw=1.8, solid_capstyle="butt")
+    axis.axhline(SUCCESS_M, color=rgb(MUTED), lw=0.8, ls=(0, (4, 3)))
     axis.set(yscale="log", ylim=(_LEAST_M, _MOST_M), xlim=(0.0, 1.0), title=title(name))
-    _plain_numbers(axis.yaxis)
+    plain_numbers(axis.yaxis)
 
 
 def cdf_chart(found: Mapping[str, Outcomes]) -> bytes:
     """Share of pairs with an error below each bound, in position and in heading."""
-    with mpl.rc_context(_STYLE):
-        figure = Figure(figsize=(_WIDTH_IN, 4.2), layout="constrained")
+    with chart(4.2) as figure:
         left, right = figure.subplots(1, 2, sharey=True)
         for name, outcomes in found.items():
             heading_deg = np.degrees(outcomes.heading_rad)
             _step(left, np.where(outcomes.failed, np.inf, outcomes.position_m), _LEAST_M, _MOST_M, name)
             _step(right, np.where(outcomes.failed, np.inf, heading_deg), _LEAST_DEG, _MOST_DEG, name)
-        left.axvline(SUCCESS_M, color=_rgb(MUTED), lw=0.8, ls=(0, (4, 3)))
-        right.axvline(np.degrees(SUCCESS_RAD), color=_rgb(MUTED), lw=0.8, ls=(0, (4, 3)))
+        left.axvline(SUCCESS_M, color=rgb(MUTED), lw=0.8, ls=(0, (4, 3)))
+        right.axvline(np.degrees(SUCCESS_RAD), color=rgb(MUTED), lw=0.8, ls=(0, (4, 3)))
         left.set(xscale="log", xlim=(_LEAST_M, _MOST_M), ylim=(0.0, 1.0), xlabel="position error [m]")
         left.set_ylabel("share of pairs below")
         right.set(xscale="log", xlim=(_LEAST_DEG, _MOST_DEG), xlabel="heading error [°]")
         for axis in (left, right):
-            _plain_numbers(axis.xaxis)
+            plain_numbers(axis.xaxis)
         figure.legend(*left.get_legend_handles_labels(), loc="outside upper left", ncols=_COLUMNS)
-        return _png(figure)
+        return png(figure)
 
 
 def _step(axis: Axes, error: Any, least: float, most: float, name: str) -> None:
@@ -131,7 +100,7 @@ def _step(axis: Axes, error: Any, least: float, most: float, name: str) -> None:
     x = np.concatenate([[least], ordered[shown], [most]])
     last = float(share[shown][-1]) if shown.any() else 0.0
     y = np.concatenate([[0.0], share[shown], [last]])
-    axis.step(x, y, where="post", color=_rgb(COLOURS[name]), lw=1.8, label=title(name))
+    axis.step(x, y, where="post", color=rgb(COLOURS[name]), lw=1.8, label=title(name))
 
 
 def calibration_chart(found: Mapping[str, Outcomes]) -> bytes | None:
@@ -139,11 +108,10 @@ def calibration_chart(found: Mapping[str, Outcomes]) -> bytes | None:
     known = {name: outcomes for name, outcomes in found.items() if _with_covariance(outcomes).any()}
     if not known:
         return None
-    with mpl.rc_context(_STYLE):
-        figure = Figure(figsize=(_WIDTH_IN, 4.4), layout="constrained")
+    with chart(4.4) as figure:
         panels = figure.subplots(1, 2, sharey=True)
         for axis, words in zip(panels, ("not flagged", "all estimates"), strict=True):
-            axis.plot([0, 1], [0, 1], color=_rgb(MUTED), lw=1.0, ls=(0, (4, 3)))
+            axis.plot([0, 1], [0, 1], color=rgb(MUTED), lw=1.0, ls=(0, (4, 3)))
             for name, outcomes in known.items():
                 chosen = _with_covariance(outcomes)
                 _probabilities(
@@ -151,11 +119,11 @@ def calibration_chart(found: Mapping[str, Outcomes]) -> bytes | None:
                 )
             axis.set(xlim=(0, 1), ylim=(0, 1), title=words)
             for level in LEVELS:
-                axis.axvline(level, color=_rgb(MUTED), lw=0.8, ls=(0, (1, 3)))
+                axis.axvline(level, color=rgb(MUTED), lw=0.8, ls=(0, (1, 3)))
             axis.set_xlabel("probability of the ellipsoid")
         panels[0].set_ylabel("share of errors inside")
         figure.legend(*panels[1].get_legend_handles_labels(), loc="outside upper left", ncols=_COLUMNS)
-        return _png(figure)
+        return png(figure)
 
 
 def _probabilities(axis: Axes, name: str, outcomes: Outcomes, chosen: Mask) -> None:
@@ -165,7 +133,7 @@ def _probabilities(axis: Axes, name: str, outcomes: Outcomes, chosen: Mask) -> N
     inside = np.sort(ellipsoid_probability(distance, outcomes.degrees_of_freedom[chosen]))
     share = np.arange(1, len(inside) + 1) / len(inside)
     x, y = np.concatenate([[0.0], inside, [1.0]]), np.concatenate([[0.0], share, [share[-1]]])
-    axis.step(x, y, where="post", color=_rgb(COLOURS[name]), lw=1.8, label=title(name))
+    axis.step(x, y, where="post", color=rgb(COLOURS[name]), lw=1.8, label=title(name))
 
 
 def curve_chart(curves: Mapping[str, TrainingCurve]) -> bytes | None:
@@ -173,42 +141,22 @@ def curve_chart(curves: Mapping[str, TrainingCurve]) -> bytes | None:
     curves = {name: curve for name, curve in curves.items() if len(curve.samples)}
     if not curves:
         return None
-    with mpl.rc_context(_STYLE):
-        figure = Figure(figsize=(_WIDTH_IN, 4.2), layout="constrained")
+    with chart(4.2) as figure:
         left, right = figure.subplots(1, 2)
         for name, curve in curves.items():
             against = doubt(curve)
-            style = {"color": _rgb(COLOURS[name]), "lw": 1.8, "ls": (0, (5, 2)) if against else "-"}
+            style = {"color": rgb(COLOURS[name]), "lw": 1.8, "ls": (0, (5, 2)) if against else "-"}
             label = f"{title(name)}, {against}" if against else title(name)
             left.plot(curve.samples, curve.position_m, marker="o", ms=3, label=label, **style)
             right.plot(curve.samples, np.degrees(curve.yaw_rad), marker="o", ms=3, **style)
         left.set(xscale="log", yscale="log", xlabel="training samples", ylabel="mean |x|, |y| error [m]")
         right.set(xscale="log", yscale="log", xlabel="training samples", ylabel="mean heading error [°]")
         for axis in (left, right):
-            _plain_numbers(axis.xaxis, digits=(1.0, 2.0, 5.0))
-            _plain_numbers(axis.yaxis, digits=(1.0, 2.0, 3.0, 5.0, 7.0))
+            plain_numbers(axis.xaxis, digits=(1.0, 2.0, 5.0))
+            plain_numbers(axis.yaxis, digits=(1.0, 2.0, 3.0, 5.0, 7.0))
         figure.legend(*left.get_legend_handles_labels(), loc="outside upper left", ncols=_COLUMNS - 1)
-        return _png(figure)
-
-
-def _plain_numbers(axis: Axis, *, digits: tuple[float, ...] = (1.0,)) -> None:
-    """Ticks of a logarithmic axis at powers of ten times some digits, written as 0.01 and not as 10⁻²."""
-    axis.set_major_locator(LogLocator(subs=digits))
-    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:,g}"))
-    axis.set_minor_formatter(NullFormatter())
+        return png(figure)
 
 
 def _with_covariance(outcomes: Outcomes) -> Mask:
     return ~outcomes.failed & np.isfinite(outcomes.covariance).all(axis=(1, 2))
-
-
-def _rgb(colour: Colour) -> tuple[float, float, float]:
-    red, green, blue = colour
-    return red / 255.0, green / 255.0, blue / 255.0
-
-
-def _png(figure: Figure) -> bytes:
-    sink = io.BytesIO()
-    # Without the version that matplotlib would write, the same numbers give the same bytes.
-    figure.savefig(sink, format="png", metadata={"Software": None})
-    return sink.getvalue()

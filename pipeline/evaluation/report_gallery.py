@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pipeline.evaluation.canvas import encoded_png
 from pipeline.evaluation.estimates import SUCCESS_M, SUCCESS_RAD
 from pipeline.evaluation.gallery import Panel
-from pipeline.evaluation.html_page import Html, Piece, joined, paragraph, picture, strong
+from pipeline.evaluation.html_page import Html, Piece, joined, paragraph, picture, strong, subheading
 from pipeline.evaluation.table_one import METHODS, title
 
 
@@ -38,7 +38,7 @@ def gallery_section(gallery: Sequence[Shown], *, reference: str) -> list[Html]:
 def _shown(shown: Shown) -> Html:
     pictures = "".join(_panel(panel).text for panel in shown.panels)
     return joined(
-        Html(f"<h3>{shown.why.capitalize()}</h3>"),
+        subheading(shown.why.capitalize()),
         paragraph(f"{shown.pair_id}, overlap {shown.overlap:.2f}", kind="note"),
         Html(f'<div class="gallery">{pictures}</div>'),
     )
@@ -62,9 +62,7 @@ def attention_section(attention: Mapping[str, Sequence[Panel]]) -> list[Html]:
     out = []
     for name, panels in attention.items():
         pictures = "".join(_panel(panel).text for panel in panels)
-        out.append(
-            joined(Html("<h3>"), title(name), Html("</h3>"), Html(f'<div class="gallery">{pictures}</div>'))
-        )
+        out.append(joined(subheading(title(name)), Html(f'<div class="gallery">{pictures}</div>')))
     if out:
         note = (
             "Attention Rollout (Abnar & Zuidema, 2020) of the class token over the window, in the window's "

@@ -27,13 +27,13 @@ def table_one(rows: Rows, measured: Sequence[str]) -> Html:
     """
     header = [
         [
-            ("", 5),
+            ("", 4),
             ("paper, on its own pairs", 3),
             ("here, mean absolute error", 3),
             ("median", 3),
             ("", 3),
         ],
-        [(word, 1) for word in ("method", "source", "ViT", "Reg", "Lie")]
+        [(word, 1) for word in ("method", "ViT", "Reg", "Lie")]
         + [(word, 1) for word in ("Δx m", "Δy m", "Δψ rad")]
         + [(word, 1) for word in ("Δx m", "Δy m", "Δψ rad", "Δx", "Δy", "Δψ")]
         + [(word, 1) for word in ("success", "95 % below", "no estimate")],
@@ -48,8 +48,7 @@ def _table_one_row(
     name: str, rows: Rows, measured: Sequence[str], best: Mapping[str, str]
 ) -> list[Cell | None]:
     first = [
-        Cell(main=title(name), kind="name"),
-        _source(name, rows, measured),
+        _method(name, rows, measured),
         *_switches(PAPER.get(name)),
         *_printed(PAPER.get(name)),
     ]
@@ -95,9 +94,10 @@ def _printed(row: PaperRow | None) -> list[Cell]:
     return [replace(x, small="presumably") if row == HOUGH else x, y, yaw]
 
 
-def _source(name: str, rows: Rows, measured: Sequence[str]) -> Cell:
+def _method(name: str, rows: Rows, measured: Sequence[str]) -> Cell:
+    """The method, where its figures are from, and what should make one doubt them."""
     if name not in rows:
-        return Cell(main=badge("not trained", "missing"), kind="words")
+        return Cell(main=joined(title(name), " ", badge("not trained", "missing")), kind="name source")
     row = rows[name]
     where = badge("measured", "measured") if name in measured else badge("recorded", "recorded")
     told = [] if name in measured else [_conditions(row.conditions, rows[measured[0]].conditions)]
@@ -108,7 +108,8 @@ def _source(name: str, rows: Rows, measured: Sequence[str]) -> Cell:
         if row.plans_trained_on is None:
             told.append("whether it was trained on these plans is not known")
     badges = [joined(" ", badge(words, "warning")) for words in _warnings(row)]
-    return Cell(main=joined(where, *badges), small="; ".join(told), kind="words")
+    main = joined(title(name), " ", where, *badges)
+    return Cell(main=main, small="; ".join(told), kind="name source")
 
 
 def _warnings(row: MeasuredRow) -> list[str]:

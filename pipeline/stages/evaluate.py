@@ -1,4 +1,4 @@
-"""Measure estimators of the frame error on published pairs, and report: `index.html` and `metrics.json`."""
+"""Measure estimators of the frame error on published pairs, and report."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from pipeline.errors import ConfigError
 from pipeline.evaluation.estimates import Outcomes, Pairs
 from pipeline.evaluation.gallery import Panel, attention_panel, chosen_pairs, panels
 from pipeline.evaluation.measured_row import Conditions, MeasuredRow, Training
-from pipeline.evaluation.report import ReportContent, report
+from pipeline.evaluation.report_frame_error import FrameErrorContent, frame_error_part
 from pipeline.evaluation.report_gallery import Shown
 from pipeline.evaluation.statistics import resample_weights
 from pipeline.evaluation.summary import comparisons, ranking, summary
@@ -37,17 +37,17 @@ from pipeline.stages.estimators import (
 )
 from pipeline.stages.measured_pairs import Trial, measured, perturbation_json
 from pipeline.stages.recorded_rows import RecordedRows
+from pipeline.stages.report_folder import PAGE, keep_evaluation, kept_metrics
 from pipeline.store.disk import Disk
-from pipeline.store.read import StageReader, read_json
-from pipeline.store.records import digest_of, json_bytes
+from pipeline.store.read import StageReader
+from pipeline.store.records import digest_of
 from pipeline.training.pairs import SPLIT_NAMES, PairTable, read_pairs
 from pipeline.training.perturbation import PerturbationRange, perturbed_pair
 
 if TYPE_CHECKING:
     from pipeline.stages.trained_estimators import Trained
 
-PAGE, METRICS, PERTURBATIONS = "index.html", "metrics.json", "perturbations.json"
-METRICS_KEY = "frame_error"
+PERTURBATIONS = "perturbations.json"
 RECORDS = ROOT / "assets" / "metrics"
 _PACKAGES = (
     "rendezvous-fusion",
@@ -126,6 +126,7 @@ def evaluate(settings: Evaluation) -> Path:
     pairs = read_pairs(StageReader(settings.dataset, "pack"), settings.split)
     trial = Trial.of(pairs, _drawn(pairs, settings), range_, seed=settings.seed)
     # All that can be wrong with files shows here, and not after an hour of measuring.
+    kept_metrics(Disk(str(settings.folder)))
     contenders = {method.name: _contender(method, trial, settings) for method in methods}
     conditions, recorded = _conditions(trial, settings), RecordedRows.read(settings.records)
     if settings.record:
@@ -180,7 +181,7 @@ def _content(
     found: Mapping[str, Outcomes],
     recorded: RecordedRows,
     settings: Evaluation,
-) -> ReportContent:
+) -> FrameErrorContent:
     pairs = Pairs.of(np.array(trial.column("overlap")), trial.column("plan_id"))
     weights = resample_weights(pairs.plan, rng=stream(settings.seed, "evaluation", "bootstrap"))
     rows = recorded.beside(conditions) | {
@@ -194,7 +195,7 @@ def _content(
         for name, outcomes in found.items()
     }
     gallery, attention = _pictures(trial, contenders, found, pairs)
-    return ReportContent(
+    return FrameErrorContent(
         conditions=conditions,
         found=found,
         rows={name: rows[name] for name in METHODS if name in rows},
@@ -239,9 +240,8 @@ def _pictures(
     return gallery, attention
 
 
-def _write(content: ReportContent, trial: Trial, settings: Evaluation) -> None:
+def _write(content: FrameErrorContent, trial: Trial, settings: Evaluation) -> None:
     disk = Disk(str(settings.folder))
-    kept = read_json(disk, METRICS) or {}
     told = {
         "conditions": asdict(content.conditions),
         "methods": {
@@ -252,8 +252,7 @@ def _write(content: ReportContent, trial: Trial, settings: Evaluation) -> None:
         "comparisons": [comparison.to_json() for comparison in content.comparisons],
     }
     disk.write(PERTURBATIONS, perturbation_json(trial.drawn()))
-    disk.write(METRICS, json_bytes({**kept, METRICS_KEY: told}))
-    disk.write(PAGE, report(content).encode())
+    keep_evaluation(disk, frame_error_part(content), told, settings.console)
 
 
 def _conditions(trial: Trial, settings: Evaluation) -> Conditions:

@@ -42,6 +42,8 @@ def test_the_command_writes_the_page_and_the_figures(shown):
     page = (folder / "index.html").read_text()
     assert "Correlative search" in page
     assert page.count("not trained") >= 8
+    assert "The evaluation “fusion” was made" in page
+    assert "parts/fusion.json: missing; the page is without it" in result.stderr
     metrics = json.loads((folder / "metrics.json").read_text())
     assert metrics["fusion"] == {"kept": 1}
     assert set(metrics["frame_error"]) == {"conditions", "methods", "symmetry", "comparisons"}
@@ -204,9 +206,21 @@ def test_a_damaged_recorded_row_is_told(data, tmp_path):
     assert not (tmp_path / "r").exists()
 
 
+def test_damaged_figures_are_told_before_anything_is_measured(data, tmp_path):
+    (tmp_path / "metrics.json").write_text("{")
+    with pytest.raises(StoreError, match=r"metrics\.json: damaged"):
+        evaluated(data, tmp_path, "identity", count=1)
+    assert [path.name for path in tmp_path.iterdir()] == ["metrics.json"]
+
+
 def test_a_missing_matplotlib_is_told_before_anything_is_measured(monkeypatch):
     monkeypatch.setitem(sys.modules, "matplotlib", None)
-    for name in ("evaluation.report_figures", "evaluation.report", "stages.evaluate"):
+    for name in (
+        "evaluation.plotting",
+        "evaluation.report_figures",
+        "evaluation.report_frame_error",
+        "stages.evaluate",
+    ):
         monkeypatch.delitem(sys.modules, f"pipeline.{name}", raising=False)
     with pytest.raises(SetupError, match=r"need matplotlib, .*'rendezvous-fusion\[learn\]'"):
         __import__("pipeline.stages.evaluate")
