@@ -1,10 +1,13 @@
 from __future__ import annotations
 
 import warnings
+from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from pipeline.errors import MapError
 from pipeline.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
@@ -36,6 +39,86 @@ def test_the_image_is_one_that_others_read_with_north_up(tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["map.pgm", "map.yaml"]
 
 
+@given(
+    st.integers(0, 999),
+    st.tuples(st.integers(1, 9), st.integers(1, 9)),
+    st.floats(1e-6, 1e3),
+    st.builds(SE2, st.floats(-1e6, 1e6), st.floats(-1e6, 1e6), st.floats(-3.1, 3.1)),
+)
+def test_any_map_comes_back_as_it_was_written(tmp_path_factory, seed, shape, resolution_m, T_m_g):
+    cells = np.random.default_rng(seed).choice(np.array([OCCUPIED, UNKNOWN, FREE], np.uint8), shape)
+    grid = OccupancyGrid(cells=cells, resolution_m=resolution_m, T_m_g=T_m_g)
+    path = tmp_path_factory.mktemp("map") / "map.yaml"
+    write_ros_map(grid, path)
+    assert _same(read_ros_map(path, strict=True), grid)
+
+
+def _image_map(tmp_path, pixels: np.ndarray, *, suffix: str = ".png", **fields: object) -> Path:
+    """A map whose image is these pixels, top row first."""
+    (tmp_path / f"map{suffix}").write_bytes(cv2.imencode(suffix, pixels)[1].tobytes())
+    keys = {"image": f"map{suffix}", "resolution": 0.05, "origin": [0, 0, 0], **fields}
+    path = tmp_path / "map.yaml"
+    path.write_text("".join(f"{key}: {value}\n" for key, value in keys.items()))
+    return path
+
+
+def _map_server(shade: float, mode: str, *, negate: bool, opaque: bool = True) -> int:
+    """nav2's rule for a pixel of brightness 0 to 1, in words: what it publishes, reduced to three values."""
+    p = shade if negate else 1.0 - shade
+    if mode == "raw":
+        percent = round(255 * shade)
+        published = percent if percent <= 100 else -1
+        return UNKNOWN if published < 0 else _trinary(published / 100)
+    return UNKNOWN if mode == "scale" and not opaque else _trinary(p)
+
+
+def _trinary(p: float) -> int:
+    return OCCUPIED if p > 0.65 else FREE if p < 0.196 else UNKNOWN
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+@pytest.mark.parametrize("negate", [0, 1])
+@pytest.mark.parametrize("mode", ["trinary", "scale", "raw"])
+def test_every_grey_is_read_as_map_server_reads_it(tmp_path, mode, negate, dtype):
+    white = np.iinfo(dtype).max
+    greys = np.unique(np.linspace(0, white, 256).astype(dtype))
+    path = _image_map(tmp_path, greys[None], mode=mode, negate=negate)
+    expected = [_map_server(int(grey) / white, mode, negate=bool(negate)) for grey in greys]
+    assert read_ros_map(path, strict=True).cells[0].tolist() == expected
+
+
+def test_transparent_pixels_are_averaged_in_by_trinary_and_unknown_to_scale(tmp_path):
+    # Opaque and transparent black, opaque, half and fully transparent white.
+    grey_alpha = [(0, 255), (0, 0), (255, 255), (255, 128), (255, 0)]
+    pixels = np.array([[(grey, grey, grey, alpha) for grey, alpha in grey_alpha]], np.uint8)
+    shades = [(3 * grey + alpha) / 1020 for grey, alpha in grey_alpha]
+    trinary = read_ros_map(_image_map(tmp_path, pixels), strict=True).cells[0].tolist()
+    assert trinary == [_map_server(shade, "trinary", negate=False) for shade in shades]
+    assert trinary == [OCCUPIED, OCCUPIED, FREE, FREE, UNKNOWN]
+    scale = read_ros_map(_image_map(tmp_path, pixels, mode="scale"), strict=True).cells[0].tolist()
+    assert scale == [OCCUPIED, UNKNOWN, FREE, UNKNOWN, UNKNOWN]
+
+
+@pytest.mark.parametrize("suffix", [".png", ".bmp", ".pgm"])
+@pytest.mark.parametrize("channels", [1, 3])
+def test_images_of_all_formats_are_read(tmp_path, suffix, channels):
+    if suffix == ".pgm" and channels == 3:
+        pytest.skip("a PGM has one channel")
+    pixels = GRID.cells[::-1] if channels == 1 else np.dstack([GRID.cells[::-1]] * 3)
+    path = _image_map(tmp_path, pixels, suffix=suffix, origin=[-3.25, 1.5, 0.3])
+    assert _same(read_ros_map(path, strict=False), GRID)
+
+
+def test_an_image_may_lie_elsewhere_and_nav2_may_say_more(tmp_path):
+    write_ros_map(GRID, tmp_path / "map.yaml")
+    (tmp_path / "images").mkdir()
+    (tmp_path / "map.pgm").rename(tmp_path / "images" / "map.pgm")
+    text = (tmp_path / "map.yaml").read_text() + "frame_id: map\nmap_load_time: 0\n"
+    for image in ("images/map.pgm", tmp_path / "images" / "map.pgm"):
+        (tmp_path / "map.yaml").write_text(text.replace("image: map.pgm", f"image: {image}"))
+        assert _same(read_ros_map(tmp_path / "map.yaml", strict=False), GRID)
+
+
 def _altered(tmp_path, old: str, new: str):
     path = tmp_path / "map.yaml"
     write_ros_map(GRID, path)
@@ -49,8 +132,26 @@ def test_unknown_cells_survive_the_thresholds_that_nav2_once_wrote(tmp_path):
     path = _altered(tmp_path, "free_thresh: 0.196", "free_thresh: 0.25")
     with pytest.warns(UserWarning, match=r"free_thresh 0\.25 makes grey 205, unknown in a trinary map, free"):
         assert _same(read_ros_map(path, strict=False), GRID)
-    strictly = read_ros_map(path, strict=True)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        strictly = read_ros_map(path, strict=True)
     assert np.array_equal(strictly.free(), GRID.cells != OCCUPIED)
+
+
+def test_unknown_cells_of_a_negated_map_survive_them_too(tmp_path):
+    path = _altered(tmp_path, "negate: 0", "negate: 1")
+    path.write_text(path.read_text().replace("free_thresh: 0.196", "free_thresh: 0.25"))
+    inverted = 255 - GRID.cells
+    (tmp_path / "map.pgm").write_bytes(b"P5\n11 7\n255\n" + inverted[::-1].tobytes())
+    with pytest.warns(UserWarning, match="makes grey 50, unknown in a trinary map, free"):
+        assert _same(read_ros_map(path, strict=False), GRID)
+
+
+def test_a_grey_scale_that_happens_to_hold_205_keeps_to_its_thresholds(tmp_path):
+    path = _image_map(tmp_path, np.array([[0, 100, 205, 254]], np.uint8), free_thresh=0.25)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert read_ros_map(path, strict=False).cells.tolist() == [[OCCUPIED, UNKNOWN, FREE, FREE]]
 
 
 def test_a_negated_map_is_read_the_other_way_round(tmp_path):
@@ -63,22 +164,71 @@ def test_a_negated_map_is_read_the_other_way_round(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("resolution: 0.05", "resolution: fine", "resolution is 'fine'; must be a number"),
-        ("resolution: 0.05\n", "", "no key 'resolution'"),
+        ("resolution: 0.05", "resolution: fine", "resolution is 'fine'; must be metres above 0"),
+        ("resolution: 0.05", "resolution: .nan", "resolution is nan; must be metres above 0"),
+        ("resolution: 0.05", "resolution: 0", "resolution is 0; must be metres above 0"),
+        ("resolution: 0.05", "resolution: -0.05", r"resolution is -0\.05; must be metres above 0"),
+        ("resolution: 0.05", "resolution: true", "resolution is True; must be metres above 0"),
+        ("resolution: 0.05", f"resolution: {10**400}", r"resolution is 1000\d*\.\.\.\d*000; must be metres"),
+        ("resolution: 0.05\n", "", "no key 'resolution'; must be a ROS map's image, resolution and origin"),
         ("origin: [-3.25, 1.5, 0.3]", "origin: [0, 0]", r"origin is \[0, 0\]; must be \[x, y, yaw\]"),
-        ("mode: trinary", "mode: raw", "mode is 'raw'; only trinary"),
-        ("image: map.pgm", "image: other.pgm", r"image .*other\.pgm is missing"),
+        ("origin: [-3.25, 1.5, 0.3]", "origin: [0, .inf, 0]", r"origin is \[0, inf, 0\]; must be \[x"),
+        ("origin: [-3.25, 1.5, 0.3]", "origin: 3", r"origin is 3; must be \[x, y, yaw\]"),
+        ("mode: trinary", "mode: Raw", "mode is 'Raw'; must be one of trinary, scale, raw"),
+        ("mode: trinary", "mode: [raw]", r"mode is \['raw'\]; must be one of"),
+        (
+            "image: map.pgm",
+            "image: other.pgm",
+            r"other\.pgm: image cannot be read \(No such file or dir.*PNG",
+        ),
+        (
+            "image: map.pgm",
+            "image: .",
+            r": image cannot be read \(Is a directory\); must be PGM, PNG or BMP",
+        ),
+        ("image: map.pgm", "image: map.yaml", r"map\.yaml: \d+ bytes that are no PGM \(P2, P5\), PNG or BMP"),
+        ("image: map.pgm", "image: 7", "image is 7; must be the path"),
+        ("image: map.pgm", "image: ''", "image is ''; must be the path"),
+        ("image: map.pgm\n", "", "no key 'image'"),
         ("negate: 0", "negate: [", "cannot be read as YAML"),
+        ("negate: 0", "negate: 2", "negate is 2; must be 0 or 1"),
+        ("occupied_thresh: 0.65", "occupied_thresh: 65", "occupied_thresh is 65; must be a probability"),
+        (
+            "free_thresh: 0.196",
+            "free_thresh: -0.1",
+            r"free_thresh is -0\.1; must be a probability from 0 to 1",
+        ),
+        ("free_thresh: 0.196", "free_thresh: .nan", "free_thresh is nan; must be a probability"),
+        ("free_thresh: 0.196", "free_thresh: 0.65", r"free_thresh 0\.65 is not below occupied_thresh 0\.65"),
+        ("free_thresh: 0.196", "free_thresh: &a [*a]", r"free_thresh is \[.*\]; must be a probability"),
     ],
 )
 def test_a_faulty_map_is_named_with_its_fault(tmp_path, old, new, message):
-    with pytest.raises(MapError, match=message):
+    with pytest.raises(MapError, match=rf"\A.*{message}.*\Z"):
         read_ros_map(_altered(tmp_path, old, new), strict=False)
 
 
-def test_a_missing_map_is_named(tmp_path):
-    with pytest.raises(MapError, match=r"nowhere\.yaml: cannot be read"):
-        read_ros_map(tmp_path / "nowhere.yaml", strict=False)
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        (b"", "holds no keys"),
+        (b"- 1\n- 2\n", "holds no keys"),
+        (b"image: \xff\xfe\n", "cannot be read as YAML .*utf-8"),
+        (b"[" * 5000, "cannot be read as YAML"),
+        (b"image: a\n" * 2 + b"\t- b", "cannot be read as YAML"),
+    ],
+)
+def test_a_file_that_is_no_yaml_is_named(tmp_path, data, message):
+    path = tmp_path / "map.yaml"
+    path.write_bytes(data)
+    with pytest.raises(MapError, match=rf"\A.*map\.yaml: {message}.*\Z"):
+        read_ros_map(path, strict=False)
+
+
+@pytest.mark.parametrize(("name", "reason"), [("nowhere.yaml", "No such file"), ("", "Is a directory")])
+def test_a_missing_map_and_a_folder_are_named(tmp_path, name, reason):
+    with pytest.raises(MapError, match=rf"{tmp_path.name}.*: cannot be read as YAML \(.*{reason}"):
+        read_ros_map(tmp_path / name, strict=False)
 
 
 @pytest.mark.parametrize("name", ["map1", "map2"])

@@ -1,0 +1,63 @@
+"""Files of others in YAML, read with errors of one line."""
+
+from __future__ import annotations
+
+import math
+import reprlib
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from pipeline.errors import PipelineError
+
+
+def read_yaml_fields(path: Path, error: type[PipelineError], *, right: str) -> dict[str, Any]:
+    """The keys and values of a YAML file's first document.
+
+    Args:
+        path: the file, in UTF-8.
+        error: what to raise.
+        right: what the file should hold, for the error's text.
+
+    Raises:
+        PipelineError: of the given type; the file cannot be read, is no YAML, or holds no keys.
+    """
+    try:
+        # `ros2 topic echo` ends every message with `---`: what follows is another document, or none.
+        fields = next(iter(yaml.safe_load_all(path.read_text(encoding="utf-8"))), None)
+    except (OSError, ValueError, RecursionError, yaml.YAMLError) as cause:
+        raise error(
+            f"{path}: cannot be read as YAML ({' '.join(str(cause).split())}); must be {right}"
+        ) from cause
+    if not isinstance(fields, dict):
+        raise error(f"{path}: holds no keys; must be {right}")
+    return fields
+
+
+def number(value: Any) -> float | None:
+    """A finite number, also as text: PyYAML takes `1e-05` for one. None for anything else."""
+    if isinstance(value, str):
+        try:
+            value = float(value)
+        except ValueError:
+            return None
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return None
+    try:
+        return float(value) if math.isfinite(value) else None
+    except OverflowError:
+        return None
+
+
+def numbers(value: Any) -> list[float] | None:
+    """A list of finite numbers; None if it is none."""
+    if not isinstance(value, list):
+        return None
+    read = [number(item) for item in value]
+    return None if None in read else [item for item in read if item is not None]
+
+
+def short(value: Any) -> str:
+    """A value as an error shows it: one line, cut where it is long."""
+    return reprlib.repr(value)

@@ -1,0 +1,126 @@
+from __future__ import annotations
+
+import struct
+import tracemalloc
+import zlib
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pipeline.errors import MapError
+from pipeline.interop.map_image import read_map_image
+
+GREYS = np.random.default_rng(0).integers(0, 256, (9, 13), np.uint8)
+
+
+def _read(tmp_path, data: bytes):
+    path = tmp_path / "map.image"
+    path.write_bytes(data)
+    return read_map_image(path)
+
+
+def _encoded(suffix: str, pixels: np.ndarray = GREYS) -> bytes:
+    return cv2.imencode(suffix, pixels)[1].tobytes()
+
+
+def _png(width: int, height: int, *, colour: int, rows: bytes, end: bool = True) -> bytes:
+    """A PNG of 8 bits of one of PNG's colour types, each row after its filter byte 0."""
+    chunks = [
+        (b"IHDR", struct.pack(">IIBBBBB", width, height, 8, colour, 0, 0, 0)),
+        (b"IDAT", zlib.compress(rows)),
+        (b"IEND", b""),
+    ]
+    parts = [
+        struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data))
+        for name, data in chunks[: 3 if end else 2]
+    ]
+    return b"\x89PNG\r\n\x1a\n" + b"".join(parts)
+
+
+@given(
+    st.integers(1, 65535),
+    st.integers(1, 7),
+    st.integers(1, 7),
+    st.integers(0, 999),
+    st.sampled_from([b"\n", b" ", b"\n# CREATOR: map_saver 0.050 m/pix\n", b"\t \r\n"]),
+    st.booleans(),
+)
+def test_any_pgm_gives_the_numbers_in_it(tmp_path_factory, white, width, height, seed, gap, plain):
+    values = np.random.default_rng(seed).integers(0, white + 1, (height, width))
+    fields = [b"P2" if plain else b"P5", b"%d" % width, b"%d" % height, b"%d" % white]
+    wide = values.astype(">u2" if white > 255 else np.uint8).tobytes()
+    body = b"\n".join(b" ".join(b"%d" % v for v in row) for row in values) if plain else wide
+    image = _read(tmp_path_factory.mktemp("pgm"), gap.join(fields) + b"\n" + body)
+    assert np.array_equal(image.grey, values)
+    assert (image.white, image.alpha) == (white, None)
+
+
+def test_a_pgm_is_read_as_opencv_reads_it(tmp_path):
+    assert np.array_equal(_read(tmp_path, _encoded(".pgm")).grey, GREYS)
+
+
+def test_grey_with_transparency_is_read(tmp_path):
+    image = _read(tmp_path, _png(2, 1, colour=4, rows=bytes([0, 10, 0, 200, 255])))
+    assert image.grey.tolist() == [[10, 200]]
+    assert image.alpha.tolist() == [[0, 255]]
+
+
+def test_sixteen_bits_are_kept(tmp_path):
+    deep = GREYS.astype(np.uint16) * 257
+    image = _read(tmp_path, _encoded(".png", deep))
+    assert np.array_equal(image.grey, deep)
+    assert image.white == 65535
+
+
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        (b"", r"0 bytes that are no PGM \(P2, P5\), PNG or BMP image"),
+        (b"\xff\xd8\xff\xe0 a photo", "bytes that are no PGM"),
+        (b"P6\n1 1\n255\n\0\0\0", "bytes that are no PGM"),
+        (b"P5", "is no PGM: its header lacks"),
+        (b"P5\n3 -2\n255\n", "is no PGM: its header lacks"),
+        (b"P5\n3 2\n255\n\0\0\0\0\0", r"PGM is cut off: 5 of 3 x 2 = 6 pixels"),
+        (b"P5\n3 1\n65535\n\0\0\0\0\0", r"PGM is cut off: 2 of 3 x 1 = 3 pixels"),
+        (b"P2\n3 1\n255\n1 2", r"PGM is cut off: 2 of 3 x 1 = 3 pixels"),
+        (b"P2\n3 1\n255\n", r"PGM is cut off: 0 of 3 x 1 = 3 pixels"),
+        (b"P2\n3 1\n255\n1 2 x", "plain PGM .* with something else than numbers"),
+        (b"P2\n1 1\n255\n123456", "plain PGM .* with something else than numbers"),
+        (b"P2\n3 1\n255\n1 2 256", "PGM holds grey 256; its maximum is 255"),
+        (b"P5\n1 1\n0\n\0", "PGM with maximum 0; must be from 1 to 65535"),
+        (b"P5\n1 1\n65536\n\0", "PGM with maximum 65536"),
+        (b"P5\n0 5\n255\n", "image of 0 x 5 pixels; must be at least 1"),
+        (b"P5\n100000 100000\n255\n", "image of 100000 x 100000 pixels; .* at most 100,000,000"),
+        (_png(100000, 100000, colour=0, rows=b""), "image of 100000 x 100000 pixels"),
+        (_png(4, 4, colour=0, rows=bytes(20), end=False), "bytes of a damaged or cut off image"),
+        (_encoded(".png")[:-1], "bytes of a damaged or cut off image"),
+        (_encoded(".bmp")[:-1], "bytes of a damaged or cut off image"),
+        (_encoded(".bmp")[:20], "20 bytes that are no PGM"),
+        (_encoded(".png", np.dstack([GREYS, GREYS, 255 - GREYS])), "is a coloured image; a map is grey"),
+    ],
+)
+def test_a_damaged_image_is_named_with_its_fault(tmp_path, data, message):
+    with pytest.raises(MapError, match=rf"\A[^\n]*map\.image: [^\n]*{message}[^\n]*\Z"):
+        _read(tmp_path, data)
+
+
+@pytest.mark.parametrize("suffix", [".png", ".bmp", ".pgm"])
+def test_no_cut_goes_unnoticed(tmp_path, suffix):
+    data = _encoded(suffix)
+    for length in range(0, len(data), 7):
+        with pytest.raises(MapError):
+            _read(tmp_path, data[:length])
+
+
+@pytest.mark.parametrize(
+    "data", [b"P5\n99999 99999\n255\n", b"P2\n99999 99999\n255\n", _png(99999, 99999, colour=0, rows=b"")]
+)
+def test_a_huge_image_costs_no_memory(tmp_path, data):
+    tracemalloc.start()
+    with pytest.raises(MapError, match="99999 x 99999"):
+        _read(tmp_path, data)
+    assert tracemalloc.get_traced_memory()[1] < 1_000_000
+    tracemalloc.stop()
