@@ -87,6 +87,12 @@ def test_the_axis_of_distances_begins_at_zero_and_that_of_signed_errors_has_it_i
     assert lower == -upper
 
 
+def test_errors_that_are_all_zero_have_an_axis_and_a_violin():
+    (panel,) = _drawn({"all": np.zeros((20, 1))})
+    assert panel.get_xlim() == (0.0, 1.0)
+    assert len(_violins(panel)) == 1
+
+
 def test_what_lies_beyond_the_axis_is_told_as_a_share():
     component = Component(name="Δx", unit="m", axis=(-1.0, 1.0))
     (panel,) = _drawn({"some": _column(-3.0, 0.0, 0.5, 2.0), "none": _column(1.0, -1.0)}, [component])
