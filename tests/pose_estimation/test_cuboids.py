@@ -1,0 +1,64 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pipeline.geometry.cuboid import project_cuboid
+from pipeline.pose_estimation.cuboids import cuboids
+from pipeline.pose_estimation.dope_labels import belief_maps, vector_fields
+from pipeline.pose_estimation.peaks import belief_peaks
+from tests.geometry.test_cuboid import CAMERA, SIZE_M
+
+STRIDE_PX = 8
+
+
+def placed(x_m: float, yaw_rad: float, z_m: float = 1.0) -> np.ndarray:
+    """(9, 2) [px] of a cuboid that stands upright before the camera."""
+    c, s = np.cos(yaw_rad), np.sin(yaw_rad)
+    T_c_o = np.eye(4)
+    T_c_o[:3, :3] = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]) @ np.array(
+        [[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]
+    )
+    T_c_o[:3, 3] = x_m, 0.05, z_m
+    return project_cuboid(T_c_o, SIZE_M, CAMERA)
+
+
+def found(uv_N92, *, hidden=(), spurious=()):
+    size = {"width_px": CAMERA.width_px, "height_px": CAMERA.height_px, "stride_px": STRIDE_PX}
+    beliefs = belief_maps(uv_N92, **size, sigma_cells=1.0)
+    fields = vector_fields(uv_N92, **size, radius_cells=2)
+    beliefs[list(hidden)] = 0.0
+    for channel, row, col in spurious:
+        beliefs[channel, row, col] = 0.9
+    return cuboids(belief_peaks(beliefs, sigma_cells=1.0), fields)
+
+
+def test_two_robots_are_told_apart():
+    one, other = placed(-0.25, 0.5), placed(0.28, 2.0)
+    several = found(np.stack([one, other]))
+    assert len(several) == 2
+    by_side = sorted(several, key=lambda cuboid: cuboid.uv_cells_92[8, 0])
+    for cuboid, uv_px in zip(by_side, (one, other), strict=True):
+        assert STRIDE_PX * cuboid.uv_cells_92 == pytest.approx(uv_px, abs=0.2)
+        assert cuboid.score == pytest.approx(1.0, abs=0.02)
+
+
+def test_a_missing_corner_is_missing_and_a_stray_one_is_not_taken():
+    uv = placed(0.0, 0.5)
+    (cuboid,) = found(uv[None], hidden=[2], spurious=[(2, 5, 5), (3, 5, 8)])
+    assert np.isnan(cuboid.uv_cells_92[2]).all()
+    assert cuboid.height_9[2] == 0.0
+    rest = [i for i in range(9) if i != 2]
+    assert STRIDE_PX * cuboid.uv_cells_92[rest] == pytest.approx(uv[rest], abs=0.2)
+
+
+def test_a_cuboid_without_its_centroid_is_one_all_the_same():
+    uv = placed(0.1, 1.0)
+    (cuboid,) = found(uv[None], hidden=[8])
+    assert STRIDE_PX * cuboid.uv_cells_92[:8] == pytest.approx(uv[:8], abs=0.2)
+    assert STRIDE_PX * cuboid.span_cells == pytest.approx(np.ptp(uv[:8], axis=0).max(), abs=0.4)
+    assert found(uv[None], hidden=[8, 0, 1, 2, 3, 4]) == []
+
+
+def test_empty_maps_hold_no_cuboid():
+    assert found(np.empty((0, 9, 2))) == []
