@@ -154,6 +154,7 @@ body{margin:0;background:#fff;color:var(--ink);line-height:1.5;
 font:16px/1.5 system-ui,-apple-system,"Segoe UI",Roboto,"Helvetica Neue",Arial,sans-serif}
 main{max-width:1400px;margin:0 auto;padding:40px 28px 80px}
 h1{font-size:1rem;color:var(--muted);margin:0 0 .5rem}
+header>:last-child:not(h1){margin-bottom:2.4rem}
 h2{font-size:2.1rem;line-height:1.15;margin:0 0 .4rem;letter-spacing:-.02em}
 h3{font-size:1.35rem;margin:3rem 0 .5rem;letter-spacing:-.01em}
 h4{font-size:1.02rem;margin:1.8rem 0 .3rem}
@@ -163,7 +164,7 @@ p.lead{font-size:1.14rem}
 p.note,figcaption{color:var(--muted);font-size:.88rem;max-width:100ch}
 nav{display:flex;flex-wrap:wrap;gap:.2rem 1.1rem;margin:1.4rem 0 0;padding:.7rem 0;
 border-block:1px solid var(--line);font-size:.9rem}
-nav.parts{flex-direction:column;border:0;padding:0;margin:.2rem 0 2.4rem;font-size:1rem;font-weight:600}
+nav.parts{flex-direction:column;border:0;padding:0;margin:.2rem 0 .8rem;font-size:1rem;font-weight:600}
 a{color:var(--blue);text-decoration:none}a:hover{text-decoration:underline}
 dl.facts{display:grid;grid-template-columns:repeat(auto-fit,minmax(150px,1fr));gap:1px;margin:1.2rem 0;
 background:var(--line);border:1px solid var(--line);border-radius:8px;overflow:hidden}
