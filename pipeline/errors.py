@@ -21,6 +21,14 @@ class MapError(PipelineError):
     """An occupancy grid or map file that cannot be used."""
 
 
+class SightingError(PipelineError):
+    """Images or poses that do not tell where one robot saw the other."""
+
+
+class CameraError(PipelineError):
+    """A camera's description, or an image, that cannot be used."""
+
+
 class StoreError(PipelineError):
     """A dataset folder that is missing, damaged or cannot be written."""
 

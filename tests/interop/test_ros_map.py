@@ -99,11 +99,10 @@ def test_transparent_pixels_are_averaged_in_by_trinary_and_unknown_to_scale(tmp_
     assert scale == [OCCUPIED, UNKNOWN, FREE, UNKNOWN, UNKNOWN]
 
 
-@pytest.mark.parametrize("suffix", [".png", ".bmp", ".pgm"])
-@pytest.mark.parametrize("channels", [1, 3])
+@pytest.mark.parametrize(
+    ("suffix", "channels"), [(".png", 1), (".png", 3), (".bmp", 1), (".bmp", 3), (".pgm", 1)]
+)
 def test_images_of_all_formats_are_read(tmp_path, suffix, channels):
-    if suffix == ".pgm" and channels == 3:
-        pytest.skip("a PGM has one channel")
     pixels = GRID.cells[::-1] if channels == 1 else np.dstack([GRID.cells[::-1]] * 3)
     path = _image_map(tmp_path, pixels, suffix=suffix, origin=[-3.25, 1.5, 0.3])
     assert _same(read_ros_map(path, strict=False), GRID)
