@@ -52,13 +52,17 @@ def pose_from_cuboid(uv_px: Array, size_m: Vec3, camera: PinholeCamera) -> Array
         camera: intrinsics.
 
     Returns:
-        None where fewer than four points are known or no pose puts the cuboid in front of the camera.
+        None where fewer than four points are known, all of them lie in one place, or no pose puts the cuboid
+        in front of the camera.
     """
     known = np.isfinite(uv_px).all(axis=1)
     if known.sum() < 4:
         return None
     p_o, uv, K = cuboid_points(size_m)[known], np.ascontiguousarray(uv_px[known]), camera.K()
-    found, rvec, tvec = cv2.solvePnP(p_o, uv, K, None, flags=cv2.SOLVEPNP_SQPNP)
+    try:
+        found, rvec, tvec = cv2.solvePnP(p_o, uv, K, None, flags=cv2.SOLVEPNP_SQPNP)
+    except cv2.error:  # the points lie in one place
+        return None
     if not found:
         return None
     rvec, tvec = cv2.solvePnPRefineLM(p_o, uv, K, None, rvec, tvec)

@@ -46,6 +46,7 @@ class Reading:
         T_c_o: (4, 4) pose of the cuboid in the camera.
         log_evidence: log of the probability that lies around it, up to a constant for all readings.
         explained: weight of the peaks that agree with it, mean over the maps, in [0, 1].
+        gain: log of how much more probable the maps are with it than without a robot.
     """
 
     T_r0_r1: SE2
@@ -53,6 +54,7 @@ class Reading:
     T_c_o: Array
     log_evidence: float
     explained: float
+    gain: float
 
 
 def readings_on_floor(
@@ -102,9 +104,12 @@ def _poses(sighting: Sighting, uv_92: Array) -> list[Array]:
     if len(known) >= 5:
         solvers.append((known.tolist(), cv2.SOLVEPNP_EPNP))
     for corners, solver in solvers:
-        _, turns, places, _ = cv2.solvePnPGeneric(
-            points[corners], np.ascontiguousarray(uv_92[corners]), camera.K(), None, flags=solver
-        )
+        try:
+            _, turns, places, _ = cv2.solvePnPGeneric(
+                points[corners], np.ascontiguousarray(uv_92[corners]), camera.K(), None, flags=solver
+            )
+        except cv2.error:  # points that lie in one place or on one line
+            continue
         poses += [_pose(rvec, tvec) for rvec, tvec in zip(turns, places, strict=True)]
     ahead = [pose for pose in poses if np.isfinite(pose).all() and pose[2, 3] > 0.0]
     return [pose @ _turned(quarter) for pose in ahead for quarter in _QUARTERS]
@@ -133,14 +138,15 @@ def _readings(
     usable = (
         ahead & np.isfinite(found.log_evidence_M) & (np.abs(found.settings_M6[:, :2]).max(axis=1) < 100.0)
     )
-    order = [int(m) for m in np.argsort(-found.log_evidence_M) if usable[m]]
+    order = np.argsort(-found.log_evidence_M)
+    left = order[usable[order]]
     kept = list[int]()
-    for m in order:
-        least = found.log_evidence_M[order[0]] + _LEAST_LOG_SHARE
-        one = found.settings_M6[m]
-        new = not any(same_place(one, found.settings_M6[k], _SAME_SHARE, _SAME_HEADING_RAD) for k in kept)
-        if new and found.log_evidence_M[m] > least and len(kept) < MODES:
-            kept.append(m)
+    while len(left) and len(kept) < MODES:
+        best = int(left[0])
+        kept.append(best)
+        same = same_place(found.settings_M6[left], found.settings_M6[best], _SAME_SHARE, _SAME_HEADING_RAD)
+        likely = found.log_evidence_M[left] > found.log_evidence_M[kept[0]] + _LEAST_LOG_SHARE
+        left = left[~same & likely]
     return [_reading(sighting, found, m) for m in kept]
 
 
@@ -156,4 +162,5 @@ def _reading(sighting: Sighting, found: Refined, m: int) -> Reading:
         T_c_o=sighting.T_c_o(setting),
         log_evidence=float(found.log_evidence_M[m]),
         explained=float(found.explained_M[m]),
+        gain=float(found.gain_M[m]),
     )

@@ -10,6 +10,7 @@ from __future__ import annotations
 import numba as nb
 import numpy as np
 
+from pipeline.geometry.occupancy_grid import Mask
 from pipeline.geometry.se2 import Array
 from pipeline.pose_estimation.dope_labels import Maps
 from pipeline.pose_estimation.look import STRIDE_PX, Look
@@ -137,17 +138,16 @@ def _scores(  # type: ignore[no-untyped-def]
 
 def _apart(settings_M6: Array) -> Array:
     """The first of all that are one."""
-    kept = list[Array]()
-    for setting in settings_M6:
-        if not any(same_place(setting, other, _APART_SHARE, _APART_HEADING_RAD) for other in kept):
-            kept.append(setting)
-        if len(kept) == _KEPT:
-            break
+    left, kept = settings_M6, list[Array]()
+    while len(left) and len(kept) < _KEPT:
+        kept.append(left[0])
+        left = left[~same_place(left, left[0], _APART_SHARE, _APART_HEADING_RAD)]
     return np.array(kept).reshape(-1, 6)
 
 
-def same_place(one: Array, other: Array, share: float, heading_rad: float) -> bool:
-    """Whether two settings differ by less, the place as a share of the distance."""
-    turn = abs(np.remainder(one[2] - other[2] + np.pi, 2.0 * np.pi) - np.pi)
-    away = np.hypot(*(one[:2] - other[:2]))
-    return bool(turn < heading_rad and away < share * np.hypot(*one[:2]))
+def same_place(settings_M6: Array, one_6: Array, share: float, heading_rad: float) -> Mask:
+    """(M,) which settings differ from one by less, the place as a share of the distance."""
+    turn = np.abs(np.remainder(settings_M6[:, 2] - one_6[2] + np.pi, 2.0 * np.pi) - np.pi)
+    away = np.hypot(settings_M6[:, 0] - one_6[0], settings_M6[:, 1] - one_6[1])
+    same: Mask = (turn < heading_rad) & (away < share * np.hypot(one_6[0], one_6[1]))
+    return same

@@ -74,9 +74,9 @@ class KeypointEvidence:
         total = near.sum(axis=2) + self.elsewhere_G
         return np.log(total), near / total[..., None]
 
-    def log_likelihood(self, uv_M92: Array) -> Array:
-        """(M,) of all maps, above that of a robot of which no peak tells."""
-        gain: Array = self.log_densities(uv_M92)[0] - np.log(self.elsewhere_G)
+    def log_likelihood(self, uv_M92: Array, *, added_px2: float = 0.0) -> Array:
+        """(M,) of all maps, above that of an image without a robot; arguments as for `log_densities`."""
+        gain: Array = self.log_densities(uv_M92, added_px2=added_px2)[0] - np.log(self.elsewhere_G)
         return self.power * gain.sum(axis=1)
 
 

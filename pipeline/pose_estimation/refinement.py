@@ -17,7 +17,7 @@ from pipeline.geometry.se2 import Array
 from pipeline.pose_estimation.keypoint_evidence import KeypointEvidence
 from pipeline.pose_estimation.sighting import HEIGHT_SIGMA_M, TILT_SIGMA_RAD, Sighting
 
-_WIDENINGS_PX_PER_PX = (6.0, 6.0, 4.0, 4.0, 2.0, 2.0, 1.0) + (0.0,) * 8
+_WIDENINGS_PX_PER_PX = (6.0, 6.0, 4.0, 4.0, 2.0, 2.0, 1.0) + (0.0,) * 6
 """Standard deviations that are added to the peaks' own in turn, in their own: far peaks attract at first."""
 _ANYTHING_M, _ANYTHING_RAD = 10.0, 10.0
 
@@ -31,12 +31,14 @@ class Refined:
         covariance_M66: (M, 6, 6) of the settings.
         log_evidence_M: (M,) log of the probability that lies around each, up to a constant for all.
         explained_M: (M,) weight of the peaks that agree with it, mean over the maps, in [0, 1].
+        gain_M: (M,) log likelihood above that of an image without a robot.
     """
 
     settings_M6: Array
     covariance_M66: Array
     log_evidence_M: Array
     explained_M: Array
+    gain_M: Array
 
 
 def lean_precision(*, floor: bool) -> Array:
@@ -75,6 +77,7 @@ def refined(sighting: Sighting, evidence: KeypointEvidence, settings_M6: Array, 
         settings_M6=settings,
         covariance_M66=covariance,
         log_evidence_M=0.5 * log_det - _cost(sighting, evidence, settings, prior_6, 0.0),
+        gain_M=evidence.log_likelihood(sighting.project(settings)),
         explained_M=(share * evidence.weight_GJ).sum(axis=2).mean(axis=1),
     )
 
@@ -83,9 +86,8 @@ def _cost(
     sighting: Sighting, evidence: KeypointEvidence, settings: Array, prior_6: Array, added_px2: float
 ) -> Array:
     """(M,) minus the log posterior, up to a constant."""
-    log_density, _ = evidence.log_densities(sighting.project(settings), added_px2=added_px2)
-    log_density -= np.log(evidence.elsewhere_G)
-    cost: Array = 0.5 * (prior_6 * settings**2).sum(axis=1) - evidence.power * log_density.sum(axis=1)
+    likelihood = evidence.log_likelihood(sighting.project(settings), added_px2=added_px2)
+    cost: Array = 0.5 * (prior_6 * settings**2).sum(axis=1) - likelihood
     return cost
 
 

@@ -1,0 +1,128 @@
+"""What makes the confidence of a relative pose agree with its errors, fitted on validation images.
+
+How exact peaks are is measured on the peaks themselves. What the nine points share (a network that sees a
+robot too large, a camera whose height is not quite as told) is in no peak: the covariance gets more of it
+along the line of sight and across it. How sure several readings are is made softer or sharper. And a score
+of detection says how probable it is that there is a robot where it was read."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, fields
+from typing import Any
+
+import numpy as np
+from scipy.special import expit, logsumexp
+
+from pipeline.errors import ConfigError, require_within
+from pipeline.geometry.se2 import SE2, Array
+from pipeline.pose_estimation.cuboid_pose import Reading
+from pipeline.pose_estimation.keypoint_evidence import KeypointNoise
+
+LEAST_MASS = 0.01
+"""Less probable readings are left out."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PoseCalibration:
+    """How to read peaks and poses. The defaults suit a network that has not been calibrated.
+
+    Attributes:
+        peak_floor_cells, peak_scale: of `KeypointNoise`.
+        scale: factor of the covariance that the peaks give.
+        along_share, across_share: standard deviations that are added, along and across the line of sight, as
+            shares of the distance.
+        floor_m, floor_rad: standard deviations that are added, of x and y and of yaw. sharpness: exponent
+        of the readings' probabilities. bias, of_explained, of_gain: of the logistic score: what it is
+        without anything, by weight of the peaks
+            that agree with the best reading, and by the tenth root of how much more probable it makes the
+            maps.
+        least_score: for the robot to be found.
+    """
+
+    peak_floor_cells: float = 0.1
+    peak_scale: float = 0.3
+    scale: float = 1.0
+    along_share: float = 0.02
+    across_share: float = 0.005
+    floor_m: float = 0.003
+    floor_rad: float = 0.02
+    sharpness: float = 1.0
+    bias: float = -8.0
+    of_explained: float = 20.0
+    of_gain: float = 0.0
+    least_score: float = 0.5
+
+    def __post_init__(self) -> None:
+        require_within(
+            self,
+            peak_floor_cells=(0.001, 10.0),
+            peak_scale=(0.0, 100.0),
+            scale=(0.001, 1000.0),
+            along_share=(0.0, 10.0),
+            across_share=(0.0, 10.0),
+            floor_m=(0.0, 10.0),
+            floor_rad=(0.0, 3.2),
+            sharpness=(0.0, 100.0),
+            bias=(-1e3, 1e3),
+            of_explained=(-1e3, 1e3),
+            of_gain=(-1e3, 1e3),
+            least_score=(0.0, 1.0),
+        )
+
+    @property
+    def noise(self) -> KeypointNoise:
+        """Of the peaks."""
+        return KeypointNoise(floor_cells=self.peak_floor_cells, scale=self.peak_scale)
+
+    def covariance(self, covariance: Array, T_r0_r1: SE2) -> Array:
+        """(3, 3): what that of a reading stands for."""
+        return self.scale * covariance + added_covariance(
+            T_r0_r1, self.along_share, self.across_share, self.floor_m, self.floor_rad
+        )
+
+    def masses(self, log_evidence: Sequence[float]) -> Array:
+        """Probability of each reading."""
+        sharp = self.sharpness * np.asarray(log_evidence, np.float64)
+        masses: Array = np.exp(sharp - logsumexp(sharp))
+        return masses
+
+    def score(self, reading: Reading) -> float:
+        """Probability that the robot is where the best reading has it."""
+        return float(expit(self.bias + np.dot((self.of_explained, self.of_gain), score_features(reading))))
+
+    def as_dict(self) -> dict[str, float]:
+        """Values by field, for the weights' JSON."""
+        return asdict(self)
+
+    @staticmethod
+    def from_dict(values: Mapping[str, Any]) -> PoseCalibration:
+        """Inverse of `as_dict`.
+
+        Raises:
+            ConfigError: a field is missing or unknown, or a value has no use.
+        """
+        expected = {field.name for field in fields(PoseCalibration)}
+        if values.keys() != expected or not all(isinstance(v, int | float) for v in values.values()):
+            raise ConfigError(
+                f"relative-pose: calibration holds {dict(values)}; must hold numbers {sorted(expected)}"
+            )
+        return PoseCalibration(**values)
+
+
+def score_features(reading: Reading) -> tuple[float, float]:
+    """What the score of detection goes by."""
+    return reading.explained, 0.1 * reading.gain
+
+
+def added_covariance(
+    T_r0_r1: SE2, along_share: float, across_share: float, floor_m: float, floor_rad: float
+) -> Array:
+    """(3, 3) in robot 1's axes, of what all points share."""
+    distance_m = float(np.hypot(T_r0_r1.x_m, T_r0_r1.y_m))
+    sight_rad = float(np.arctan2(T_r0_r1.y_m, T_r0_r1.x_m)) - T_r0_r1.yaw_rad
+    c, s = np.cos(sight_rad), np.sin(sight_rad)
+    R = np.array([[c, -s], [s, c]])
+    added = np.diag([floor_m**2, floor_m**2, floor_rad**2])
+    added[:2, :2] += R @ np.diag(np.square([along_share * distance_m, across_share * distance_m])) @ R.T
+    return added
