@@ -16,7 +16,7 @@ from scipy.stats import chi2
 
 from pipeline.alignment.window import SearchRange
 from pipeline.errors import require_within
-from pipeline.fusion.sighting import OUTLIER_SHARE, Sighting, SightingMode
+from pipeline.fusion.sighted_pose import OUTLIER_SHARE, SightedMode, SightedPose
 from pipeline.geometry.se2 import SE2, Array
 from pipeline.models.posterior import Gaussian
 
@@ -100,7 +100,7 @@ class FrameErrorPrior:
         return float(chi2.cdf(min(distances), 3))
 
 
-def frame_error_prior(sighting: Sighting, T_m0_r0: SE2, *, slam: SlamSpread) -> FrameErrorPrior | None:
+def frame_error_prior(sighting: SightedPose, T_m0_r0: SE2, *, slam: SlamSpread) -> FrameErrorPrior | None:
     """The prior of θ_w for T̃ made of the sighting's best mode; None if its covariance is not known.
 
     Args:
@@ -118,7 +118,7 @@ def frame_error_prior(sighting: Sighting, T_m0_r0: SE2, *, slam: SlamSpread) -> 
     return FrameErrorPrior(modes=tuple(parts), outlier=outlier)
 
 
-def _part(mode: SightingMode, T_r0_best: SE2, phi_rad: float, slam: SlamSpread) -> Gaussian:
+def _part(mode: SightedMode, T_r0_best: SE2, phi_rad: float, slam: SlamSpread) -> Gaussian:
     """What one mode says of θ_w."""
     R = SE2(0.0, 0.0, phi_rad)
     R_D = R @ T_r0_best.inverse() @ mode.T_r0_r1
@@ -127,7 +127,7 @@ def _part(mode: SightingMode, T_r0_best: SE2, phi_rad: float, slam: SlamSpread) 
     return Gaussian(mean=mean, covariance=turned, weight=(1.0 - OUTLIER_SHARE) * mode.mass)
 
 
-def _with_slam(mode: SightingMode, slam: SlamSpread) -> Array:
+def _with_slam(mode: SightedMode, slam: SlamSpread) -> Array:
     """(3, 3) covariance of the sighting, with the errors of both robots' own poses carried to robot 1."""
     assert mode.covariance is not None
     own = slam.covariance()

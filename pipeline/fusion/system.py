@@ -13,7 +13,7 @@ from pipeline.fusion.meeting import Meeting
 from pipeline.fusion.merge import merged
 from pipeline.fusion.prior import FrameErrorPrior, frame_error_prior
 from pipeline.fusion.refinement import Refined, Refiner, refined
-from pipeline.fusion.sighting import Sighting
+from pipeline.fusion.sighted_pose import SightedPose
 from pipeline.fusion.verdict import Verdict, alignment_doubts, refinement_doubts, sighting_doubts
 from pipeline.geometry.occupancy_grid import OccupancyGrid, overlap
 from pipeline.geometry.se2 import SE2, Array
@@ -46,7 +46,7 @@ class FusionResult:
     T_m0_w: SE2
     covariance: Array | None
     estimate: Estimate | None
-    sighting: Sighting
+    sighting: SightedPose
     overlap: float
     before: MapAgreement
     after: MapAgreement
@@ -55,7 +55,7 @@ class FusionResult:
 
 def fuse_maps(
     meeting: Meeting,
-    sighting: Sighting,
+    sighting: SightedPose,
     refiner: Refiner | None,
     *,
     part: Part = lambda name: nullcontext(),

@@ -11,7 +11,7 @@ from pipeline.alignment.estimate import WRONG_M, WRONG_RAD, Estimate
 from pipeline.fusion.agreement import MapAgreement
 from pipeline.fusion.prior import FrameErrorPrior
 from pipeline.fusion.refinement import Refined
-from pipeline.fusion.sighting import Sighting
+from pipeline.fusion.sighted_pose import SightedPose
 from pipeline.geometry.se2 import Array
 
 LEAST_SCORE = 0.5
@@ -59,7 +59,7 @@ class Verdict:
         return "accepted" if self.accepted else f"uncertain: {'; '.join(self.reasons)}"
 
 
-def sighting_doubts(sighting: Sighting, *, refined: bool) -> list[str]:
+def sighting_doubts(sighting: SightedPose, *, refined: bool) -> list[str]:
     """What speaks against a sighting by itself."""
     doubts = []
     if sighting.score is not None and sighting.score < LEAST_SCORE:

@@ -15,7 +15,7 @@ from pipeline.fusion.meeting import Meeting
 from pipeline.fusion.merge import merged
 from pipeline.fusion.prior import FrameErrorPrior, SlamSpread, frame_error_prior
 from pipeline.fusion.refinement import WINDOW_TURN_RAD, Refiner, correlative_refiner, matcher_refiner
-from pipeline.fusion.sighting import Sighting, sighting_of
+from pipeline.fusion.sighted_pose import SightedPose, sighted_pose
 from pipeline.fusion.system import FusionResult, fuse_maps
 from pipeline.geometry.occupancy_grid import UNKNOWN, OccupancyGrid
 from pipeline.geometry.se2 import SE2
@@ -23,7 +23,7 @@ from pipeline.models.matcher_estimator import MatcherEstimator
 from pipeline.stages.trained_estimators import load
 from tests.baselines.windows import cuts
 from tests.conftest import ROOT
-from tests.fusion.test_sighting import pose_of, seen_at
+from tests.fusion.test_sighted_pose import pose_of, seen_at
 
 T_W_M0, T_W_M1 = SE2(2.0, 2.0, 0.3), SE2(11.0, 6.0, -2.0)
 T_W_R0, T_W_R1 = SE2(5.6, 4.5, 0.0), SE2(7.0, 4.6, 2.4)
@@ -72,7 +72,7 @@ def matcher() -> MatcherEstimator:
 
 
 def test_a_true_sighting_gives_the_true_alignment_unrefined():
-    result = fuse_maps(meeting(), Sighting.given(T_R0_R1, FINE), None)
+    result = fuse_maps(meeting(), SightedPose.given(T_R0_R1, FINE), None)
     assert off(result) == pytest.approx((0.0, 0.0), abs=1e-9)
     expected = merged(meeting().grid_0, meeting().grid_1, cuts(0)[2])
     assert np.mean(result.grid.cells == expected.cells) > 0.999
@@ -82,7 +82,7 @@ def test_a_true_sighting_gives_the_true_alignment_unrefined():
 
 
 def test_the_unrefined_spread_is_the_sightings_with_the_robots_own():
-    result = fuse_maps(meeting(), Sighting.given(T_R0_R1, FINE), None)
+    result = fuse_maps(meeting(), SightedPose.given(T_R0_R1, FINE), None)
     assert np.diag(result.covariance)[2] == pytest.approx(math.radians(3.0) ** 2 + 2 * math.radians(0.5) ** 2)
 
 
@@ -94,7 +94,7 @@ def test_every_refinement_corrects_a_rough_sighting(error: SE2, method: str, mat
         if method == "correlative"
         else matcher_refiner(matcher, with_prior=method == "auto")
     )
-    result = fuse_maps(meeting(), Sighting.given(T_R0_R1 @ error, ROUGH), refiner)
+    result = fuse_maps(meeting(), SightedPose.given(T_R0_R1 @ error, ROUGH), refiner)
     position_m, heading_rad = off(result)
     assert position_m < 0.1
     assert heading_rad < math.radians(1.5)
@@ -104,7 +104,7 @@ def test_every_refinement_corrects_a_rough_sighting(error: SE2, method: str, mat
 
 def test_a_reading_with_front_and_back_confused_is_set_right_by_the_maps(matcher: MatcherEstimator):
     flipped = T_R0_R1 @ SE2(0.0, 0.0, math.pi)
-    sighting = sighting_of([pose_of((flipped, FINE, 0.6), (T_R0_R1, FINE, 0.4))])
+    sighting = sighted_pose([pose_of((flipped, FINE, 0.6), (T_R0_R1, FINE, 0.4))])
     result = fuse_maps(meeting(), sighting, matcher_refiner(matcher, with_prior=True))
     assert off(result)[1] < math.radians(1.5)
     assert result.verdict.accepted, str(result.verdict)
@@ -114,7 +114,7 @@ def test_a_reading_with_front_and_back_confused_is_set_right_by_the_maps(matcher
 
 def test_an_overconfident_sighting_does_not_ruin_the_map(matcher: MatcherEstimator):
     wrong = T_R0_R1 @ SE2(0.9, 0.6, 0.5)
-    result = fuse_maps(meeting(), Sighting.given(wrong, FINE), matcher_refiner(matcher, with_prior=True))
+    result = fuse_maps(meeting(), SightedPose.given(wrong, FINE), matcher_refiner(matcher, with_prior=True))
     assert off(result)[0] < 0.15
     assert "more than the sighting's covariance allows" in str(result.verdict)
 
@@ -122,7 +122,7 @@ def test_an_overconfident_sighting_does_not_ruin_the_map(matcher: MatcherEstimat
 def test_a_perfect_answer_in_its_turned_window_gives_the_true_alignment():
     """The window lies along neither map's cells; what is found there comes back along the axes of m0."""
     rough = T_R0_R1 @ SE2(0.5, -0.3, 0.2)
-    sighting = sighting_of([pose_of((rough, ROUGH, 0.6), (rough @ SE2(1.0, 0.0, 0.0), ROUGH, 0.4))])
+    sighting = sighted_pose([pose_of((rough, ROUGH, 0.6), (rough @ SE2(1.0, 0.0, 0.0), ROUGH, 0.4))])
     prior_w = frame_error_prior(sighting, meeting().T_m0_r0, slam=SlamSpread())
     first = fuse_maps(meeting(), sighting, None)
     theta_w = frame_error(first.T_m0_m1, cuts(0)[2], first.T_m0_w)
@@ -157,31 +157,31 @@ def test_a_perfect_answer_in_its_turned_window_gives_the_true_alignment():
     ],
 )
 def test_doubts_of_a_refinement_are_told(estimate: Estimate, said: str):
-    result = fuse_maps(meeting(), Sighting.given(T_R0_R1), answering(estimate))
+    result = fuse_maps(meeting(), SightedPose.given(T_R0_R1), answering(estimate))
     assert not result.verdict.accepted
     assert said in str(result.verdict)
 
 
 def test_without_an_answer_the_sighting_is_used():
     result = fuse_maps(
-        meeting(), Sighting.given(T_R0_R1, FINE), answering(Estimate(theta=None, reason="none"))
+        meeting(), SightedPose.given(T_R0_R1, FINE), answering(Estimate(theta=None, reason="none"))
     )
     assert result.T_m0_m1 == result.T_m0_m1_initial
     assert result.covariance is not None
 
 
 def test_doubts_of_a_sighting_are_told():
-    unsure = fuse_maps(meeting(), sighting_of([seen_at(T_R0_R1, FINE, score=0.2)]), None)
+    unsure = fuse_maps(meeting(), sighted_pose([seen_at(T_R0_R1, FINE, score=0.2)]), None)
     assert "detection scores 0.20" in str(unsure.verdict)
     elsewhere = seen_at(T_R0_R1 @ SE2(2.0, 0.0, 0.0), FINE)
-    contradicted = fuse_maps(meeting(), sighting_of([seen_at(T_R0_R1, FINE)] * 2 + [elsewhere]), None)
+    contradicted = fuse_maps(meeting(), sighted_pose([seen_at(T_R0_R1, FINE)] * 2 + [elsewhere]), None)
     assert "image 2 shows the robot elsewhere" in str(contradicted.verdict)
     assert off(contradicted) == pytest.approx((0.0, 0.0), abs=1e-6)
 
 
 def test_maps_that_share_nothing_are_told():
     apart = replace(meeting(), T_m0_r0=SE2(60.0, 0.0, 0.0))
-    result = fuse_maps(apart, Sighting.given(T_R0_R1, FINE), None)
+    result = fuse_maps(apart, SightedPose.given(T_R0_R1, FINE), None)
     assert result.overlap == 0.0
     assert "share too little to check the alignment: 0 cells" in str(result.verdict)
 
@@ -194,9 +194,9 @@ def test_a_map_that_knows_nothing_is_an_error():
 
 def test_a_search_follows_the_sightings_covariance():
     narrow, wide = (
-        correlative_refiner(frame_error_prior(Sighting.given(T_R0_R1, c), SE2.identity(), slam=SlamSpread()))[
-            1
-        ]
+        correlative_refiner(
+            frame_error_prior(SightedPose.given(T_R0_R1, c), SE2.identity(), slam=SlamSpread())
+        )[1]
         for c in (FINE, ROUGH)
     )
     assert narrow.xy_m < wide.xy_m
@@ -211,5 +211,5 @@ def test_every_part_can_be_timed():
         entered.append(name)
         yield
 
-    fuse_maps(meeting(), Sighting.given(T_R0_R1, FINE), None, part=part)
+    fuse_maps(meeting(), SightedPose.given(T_R0_R1, FINE), None, part=part)
     assert entered == ["refine", "merge", "check"]

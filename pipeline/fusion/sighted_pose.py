@@ -32,7 +32,7 @@ NEGLIGIBLE_MASS = 1e-4
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class SightingMode:
+class SightedMode:
     """One way to read a sighting.
 
     Attributes:
@@ -50,7 +50,7 @@ class SightingMode:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Sighting:
+class SightedPose:
     """What is known of where robot 1 stood.
 
     Attributes:
@@ -60,12 +60,12 @@ class Sighting:
         found_in: numbers of the images in which the robot was found.
     """
 
-    modes: tuple[SightingMode, ...]
+    modes: tuple[SightedMode, ...]
     score: float | None = None
     found_in: tuple[int, ...] = ()
 
     @property
-    def best(self) -> SightingMode:
+    def best(self) -> SightedMode:
         """The most probable mode."""
         return self.modes[0]
 
@@ -75,12 +75,12 @@ class Sighting:
         return tuple(number for number in self.found_in if number not in self.best.images)
 
     @staticmethod
-    def given(T_r0_r1: SE2, covariance: Array | None = None) -> Sighting:
+    def given(T_r0_r1: SE2, covariance: Array | None = None) -> SightedPose:
         """Of a relative pose that is known by other means."""
-        return Sighting(modes=(SightingMode(T_r0_r1=T_r0_r1, covariance=covariance, mass=1.0),))
+        return SightedPose(modes=(SightedMode(T_r0_r1=T_r0_r1, covariance=covariance, mass=1.0),))
 
 
-def sighting_of(poses: Sequence[RelativePose]) -> Sighting:
+def sighted_pose(poses: Sequence[RelativePose]) -> SightedPose:
     """One sighting from the estimates of all its images, whose errors are taken as independent.
 
     Raises:
@@ -93,21 +93,19 @@ def sighting_of(poses: Sequence[RelativePose]) -> Sighting:
             f"the robot is found in none of {len(poses)} images ({reasons}); without it there is "
             "nothing to align the maps by: take another image, or give the relative pose"
         )
-    modes: list[SightingMode] = []
+    modes: list[SightedMode] = []
     for earlier, number in enumerate(found):
         modes = _times(modes, number, poses[number], earlier=earlier)
     total = sum(mode.mass for mode in modes)
     product = tuple(replace(mode, mass=mode.mass / total) for mode in modes)
     score = max(poses[number].score for number in product[0].images)
-    return Sighting(modes=product, score=score, found_in=tuple(found))
+    return SightedPose(modes=product, score=score, found_in=tuple(found))
 
 
-def _times(
-    product: list[SightingMode], number: int, pose: RelativePose, *, earlier: int
-) -> list[SightingMode]:
+def _times(product: list[SightedMode], number: int, pose: RelativePose, *, earlier: int) -> list[SightedMode]:
     """So many earlier images times one more, the most probable mode first; masses are not normalised."""
     read = [
-        SightingMode(T_r0_r1=m.T_r0_r1, covariance=m.covariance, mass=m.mass, images=(number,))
+        SightedMode(T_r0_r1=m.T_r0_r1, covariance=m.covariance, mass=m.mass, images=(number,))
         for m in pose.modes
     ]
     sure, mistaken = 1.0 - OUTLIER_SHARE, OUTLIER_SHARE * OUTLIER_DENSITY
@@ -120,7 +118,7 @@ def _times(
     return sorted((mode for mode in modes if mode.mass >= least), key=lambda mode: -mode.mass)[:MOST_MODES]
 
 
-def _product(a: SightingMode, b: SightingMode, sure: float) -> SightingMode:
+def _product(a: SightedMode, b: SightedMode, sure: float) -> SightedMode:
     """Two normal distributions multiplied; the mass is that of both agreeing so well.
 
     With `x` the components of `T_a⁻¹ T`, those of `T_b⁻¹ T` are `J (x - d)`, with d the components of
@@ -137,7 +135,7 @@ def _product(a: SightingMode, b: SightingMode, sure: float) -> SightingMode:
     covariance = a.covariance - gain @ a.covariance
     back = _turn(-float(x[2]))
     log_density = -0.5 * (d @ np.linalg.solve(together, d) + np.linalg.slogdet(2.0 * math.pi * together)[1])
-    return SightingMode(
+    return SightedMode(
         T_r0_r1=(a.T_r0_r1 @ SE2.from_array(x)).wrapped(),
         covariance=back @ (0.5 * (covariance + covariance.T)) @ back.T,
         mass=a.mass * b.mass * sure * math.exp(log_density),

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pipeline.errors import SightingError
-from pipeline.fusion.sighting import Sighting, sighting_of
+from pipeline.fusion.sighted_pose import SightedPose, sighted_pose
 from pipeline.geometry.se2 import SE2, Array
 from pipeline.pose_estimation.relative_pose import PoseMode, RelativePose
 
@@ -29,7 +29,7 @@ def seen_at(T: SE2, covariance: Array = SHAPE, *, score: float = 0.9) -> Relativ
 
 def test_one_image_is_taken_as_it_is():
     flipped = TRUE @ SE2(0.0, 0.0, math.pi)
-    sighting = sighting_of([pose_of((TRUE, SHAPE, 0.8), (flipped, SHAPE, 0.2), score=0.7)])
+    sighting = sighted_pose([pose_of((TRUE, SHAPE, 0.8), (flipped, SHAPE, 0.2), score=0.7)])
     assert [mode.mass for mode in sighting.modes] == pytest.approx([0.8, 0.2])
     assert sighting.best.T_r0_r1 == TRUE
     assert sighting.score == 0.7
@@ -37,7 +37,7 @@ def test_one_image_is_taken_as_it_is():
 
 
 def test_the_same_image_many_times_has_the_same_mean_and_a_smaller_covariance():
-    sighting = sighting_of([seen_at(TRUE)] * 4)
+    sighting = sighted_pose([seen_at(TRUE)] * 4)
     assert (TRUE.inverse() @ sighting.best.T_r0_r1).wrapped().as_array() == pytest.approx(
         np.zeros(3), abs=1e-12
     )
@@ -48,7 +48,7 @@ def test_the_same_image_many_times_has_the_same_mean_and_a_smaller_covariance():
 def test_the_product_has_the_largest_product_of_densities():
     """Against a search: no pose around it makes both images more probable."""
     others = TRUE @ SE2(0.06, -0.05, 0.08), np.diag([0.004, 0.02, 0.01])
-    sighting = sighting_of([seen_at(TRUE), seen_at(*others)])
+    sighting = sighted_pose([seen_at(TRUE), seen_at(*others)])
 
     def cost(T: SE2) -> float:
         d = [(mean.inverse() @ T).wrapped().as_array() for mean in (TRUE, others[0])]
@@ -62,7 +62,7 @@ def test_the_product_has_the_largest_product_of_densities():
 
 def test_order_does_not_matter():
     images = [seen_at(TRUE @ SE2.from_array(d)) for d in np.random.default_rng(1).normal(0.0, 0.05, (3, 3))]
-    forth, back = sighting_of(images).best, sighting_of(images[::-1]).best
+    forth, back = sighted_pose(images).best, sighted_pose(images[::-1]).best
     difference = (forth.T_r0_r1.inverse() @ back.T_r0_r1).wrapped()
     assert difference.as_array() == pytest.approx(np.zeros(3), abs=1e-9)
     assert forth.covariance == pytest.approx(back.covariance)
@@ -70,14 +70,14 @@ def test_order_does_not_matter():
 
 def test_a_second_image_tells_front_from_back():
     flipped = TRUE @ SE2(0.0, 0.0, math.pi)
-    sighting = sighting_of([pose_of((flipped, SHAPE, 0.55), (TRUE, SHAPE, 0.45)), seen_at(TRUE)])
+    sighting = sighted_pose([pose_of((flipped, SHAPE, 0.55), (TRUE, SHAPE, 0.45)), seen_at(TRUE)])
     assert abs((TRUE.inverse() @ sighting.best.T_r0_r1).wrapped().yaw_rad) < 0.01
     assert sighting.best.mass > 0.99
 
 
 def test_two_images_that_contradict_each_other_are_told_and_not_averaged():
     away = TRUE @ SE2(2.0, 0.0, 0.0)
-    sighting = sighting_of([seen_at(TRUE), seen_at(away)])
+    sighting = sighted_pose([seen_at(TRUE), seen_at(away)])
     assert len(sighting.contradicted_by) == 1
     assert [mode.mass for mode in sighting.modes] == pytest.approx([0.5, 0.5], abs=1e-6)
     found = sorted((TRUE.inverse() @ mode.T_r0_r1).x_m for mode in sighting.modes)
@@ -88,23 +88,23 @@ def test_two_images_that_contradict_each_other_are_told_and_not_averaged():
 def test_an_image_that_contradicts_two_others_is_left_out(place: int):
     images = [seen_at(TRUE)] * 2
     images.insert(place, seen_at(TRUE @ SE2(2.0, 0.0, 0.0)))
-    sighting = sighting_of(images)
+    sighting = sighted_pose(images)
     assert sighting.contradicted_by == (place,)
     assert sighting.best.mass > 0.9
     assert sighting.best.covariance == pytest.approx(SHAPE / 2.0)
 
 
 def test_images_without_the_robot_are_passed_over():
-    sighting = sighting_of([RelativePose.not_found("no peaks"), seen_at(TRUE, score=0.6)])
+    sighting = sighted_pose([RelativePose.not_found("no peaks"), seen_at(TRUE, score=0.6)])
     assert sighting.found_in == sighting.best.images == (1,)
     assert sighting.score == 0.6
 
 
 def test_no_image_with_the_robot_is_an_error_that_says_why():
     with pytest.raises(SightingError, match=r"none of 2 images \(image 0: too dark; image 1: no peaks\)"):
-        sighting_of([RelativePose.not_found("too dark"), RelativePose.not_found("no peaks")])
+        sighted_pose([RelativePose.not_found("too dark"), RelativePose.not_found("no peaks")])
 
 
 def test_a_given_pose_has_no_score():
-    assert Sighting.given(TRUE).score is None
-    assert Sighting.given(TRUE).best.covariance is None
+    assert SightedPose.given(TRUE).score is None
+    assert SightedPose.given(TRUE).best.covariance is None
