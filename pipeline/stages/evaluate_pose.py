@@ -1,0 +1,231 @@
+"""Measure the estimator of the relative pose on published images, and report."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+
+from pipeline.errors import ConfigError
+from pipeline.evaluation.pose_errors import PoseOutcomes
+from pipeline.evaluation.pose_gallery import PoseShown, chosen_images, pose_shown
+from pipeline.evaluation.pose_summary import PoseSummary, pose_summary
+from pipeline.evaluation.recorded_figures import ImageConditions, RecordedFigures
+from pipeline.evaluation.report_pose import FloorGain, PoseContent, pose_part
+from pipeline.evaluation.report_pose_tables import VARIANTS
+from pipeline.evaluation.statistics import bootstrap_mean, resample_weights
+from pipeline.seeds import stream
+from pipeline.stages.estimators import ROOT, plans_trained_on
+from pipeline.stages.measured_poses import PoseVariant, measured_poses
+from pipeline.stages.pose_source import PoseSource, PoseWeights
+from pipeline.stages.provenance import commit, hardware, versions
+from pipeline.stages.recorded_figures import FiguresFolder
+from pipeline.stages.report_folder import PAGE, keep_evaluation, kept_metrics
+from pipeline.stages.seen_images import KINDS, SeenImage, digest_of_images, read_images
+from pipeline.store.disk import Disk
+from pipeline.store.read import StageReader
+from pipeline.training.pairs import SPLIT_NAMES
+
+POSE_RECORDS = ROOT / "assets" / "metrics" / "relative_pose"
+_PACKAGES = ("rendezvous-fusion", "numpy", "scipy", "opencv-python-headless", "numba", "torch", "pyarrow")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PoseEvaluation:
+    """What to measure.
+
+    Attributes:
+        dataset: folder that `pack` wrote.
+        split: of it.
+        count: at most so many images, drawn at random; None for all.
+        kinds: of `seen_images.KINDS`.
+        weights: of the estimator; None for those of `runs/`, then the shipped ones.
+        floor: whether the estimator takes the floor as known; None for both, side by side.
+        seed: of the draw of images.
+        folder: of the report.
+        workers: processes.
+        records: folder of recorded figures.
+        record: whether to keep what is measured now among them.
+        source: what makes the estimator, instead of weights.
+        console: where to tell.
+    """
+
+    dataset: str = "data/dataset"
+    split: str = "test"
+    count: int | None = 1000
+    kinds: tuple[str, ...] = KINDS
+    weights: Path | None = None
+    floor: bool | None = None
+    seed: int = 0
+    folder: Path = Path("report")
+    workers: int = 1
+    records: Path = POSE_RECORDS
+    record: bool = False
+    source: PoseSource | None = None
+    console: Console = field(default_factory=lambda: Console(stderr=True))
+
+
+def evaluate_pose(settings: PoseEvaluation) -> Path:
+    """Measure, record if asked to, and write the report.
+
+    Returns:
+        The page.
+
+    Raises:
+        StoreError: the dataset, its images, the weights or recorded figures are missing or damaged, or
+            nothing can be written.
+        ConfigError: a split or kind of images that there is not, or recorded figures of more images.
+        SetupError: a package is missing.
+    """
+    images = _images(settings)
+    # All that can be wrong with files shows here, and not after an hour of measuring.
+    disk = Disk(str(settings.folder))
+    kept_metrics(disk)
+    source = settings.source or PoseWeights.found(settings.weights)
+    floors = (True, False) if settings.floor is None else (settings.floor,)
+    variants = [PoseVariant(source=source, floor=floor) for floor in floors]
+    variants[0].source.estimator(floor=variants[0].floor)
+    conditions = image_conditions(
+        images, settings.split, settings.seed, {"relative pose": source}, settings.console
+    )
+    recorded = FiguresFolder.read(settings.records, PoseSummary, command="evaluate-pose")
+    if settings.record:
+        recorded.require_no_loss([variant.name for variant in variants], conditions)
+    found = {
+        variant.name: measured_poses(
+            variant, images, folder=settings.folder, workers=settings.workers, console=settings.console
+        )
+        for variant in variants
+    }
+    content = _content(images, conditions, found, recorded, settings)
+    if settings.record:
+        recorded.keep((content.rows[name] for name in found), settings.console)
+    keep_evaluation(disk, pose_part(content), _told(content), settings.console)
+    return settings.folder / PAGE
+
+
+def _images(settings: PoseEvaluation) -> list[SeenImage]:
+    require_split(settings.split)
+    for kind in settings.kinds:
+        if kind not in KINDS:
+            raise ConfigError(f"--images names {kind!r}; must be of {', '.join(KINDS)}")
+    reader = StageReader(settings.dataset, "pack")
+    return read_images(reader, settings.split, kinds=settings.kinds, count=settings.count, seed=settings.seed)
+
+
+def _told(content: PoseContent) -> dict[str, Any]:
+    """What `metrics.json` holds."""
+    return {
+        "conditions": asdict(content.conditions),
+        "variants": {
+            name: {**row.to_json(), "source": "measured" if name in content.found else "recorded"}
+            for name, row in content.rows.items()
+        },
+        "floor_gain": content.gain and asdict(content.gain),
+    }
+
+
+def require_split(split: str) -> None:
+    """See that there is such a split.
+
+    Raises:
+        ConfigError: there is not.
+    """
+    if split not in SPLIT_NAMES:
+        raise ConfigError(f"--split is {split!r}; must be one of {', '.join(SPLIT_NAMES)}")
+
+
+def image_conditions(
+    images: Sequence[SeenImage],
+    split: str,
+    seed: int,
+    sources: Mapping[str, PoseSource],
+    console: Console,
+) -> ImageConditions:
+    """What images are measured with weights; tells if these know the floor plans already."""
+    plans = {image.truth.plan_id: image.plan_digest for image in images}
+    known = {name: _known_plans(source, plans) for name, source in sources.items()}
+    for name, count in known.items():
+        if count:
+            console.print(
+                f"evaluate {name}: warning: trained on {count} of these {len(plans)} floor plans; its errors "
+                "on plans that it never saw may be larger than these",
+                highlight=False,
+                soft_wrap=True,
+            )
+    return ImageConditions(
+        split=split,
+        images=len(images),
+        plans=len(plans),
+        data_digest=digest_of_images(images),
+        seed=seed,
+        weights={name: source.digest for name, source in sources.items()},
+        trained_on=known,
+        commit=commit(),
+        hardware=hardware(),
+    )
+
+
+def _known_plans(source: PoseSource, plans: Mapping[str, str]) -> int | None:
+    record = source.record()
+    return plans_trained_on(record, plans) if "data" in record else None
+
+
+def _content(
+    images: Sequence[SeenImage],
+    conditions: ImageConditions,
+    found: Mapping[str, PoseOutcomes],
+    recorded: FiguresFolder[PoseSummary],
+    settings: PoseEvaluation,
+) -> PoseContent:
+    rows = recorded.of_split(settings.split) | {
+        name: RecordedFigures(name=name, conditions=conditions, figures=pose_summary(outcomes))
+        for name, outcomes in found.items()
+    }
+    return PoseContent(
+        conditions=conditions,
+        found=found,
+        rows={name: rows[name] for name in VARIANTS if name in rows},
+        gain=_floor_gain(images, found, settings.seed),
+        gallery=_gallery(images, next(iter(found.values()))),
+        dataset=settings.dataset,
+        versions=versions(_PACKAGES),
+    )
+
+
+def _floor_gain(
+    images: Sequence[SeenImage], found: Mapping[str, PoseOutcomes], seed: int
+) -> FloorGain | None:
+    """What the floor changes where both variants found the robot; None without both."""
+    if len(found) < 2:
+        return None
+    floor, free = found["floor"], found["free"]
+    both = floor.detected & free.detected
+    _, plan = np.unique([image.truth.plan_id for image in images], return_inverse=True)
+    weights = resample_weights(plan, rng=stream(seed, "evaluation", "bootstrap"))[:, both]
+    if not both.any():
+        return None
+    return FloorGain(
+        images=int(both.sum()),
+        position_m=bootstrap_mean((floor.position_m - free.position_m)[both], weights),
+        heading_rad=bootstrap_mean((floor.heading_rad - free.heading_rad)[both], weights),
+    )
+
+
+def _gallery(images: Sequence[SeenImage], found: PoseOutcomes) -> list[PoseShown]:
+    return [
+        pose_shown(
+            why,
+            found,
+            number,
+            encoded=images[number].encoded,
+            camera=images[number].camera,
+            cuboid_size_m=images[number].cuboid_size_m,
+            box_px=images[number].box_px,
+        )
+        for why, number in chosen_images(found)
+    ]

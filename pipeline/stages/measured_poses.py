@@ -1,0 +1,88 @@
+"""What an estimator of the relative pose reads from images."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+from rich.console import Console
+
+from pipeline.evaluation.pose_errors import PoseOutcome, PoseOutcomes
+from pipeline.stages.measuring import Measurement, code_digest, measured
+from pipeline.stages.pose_source import PoseSource
+from pipeline.stages.provenance import versions
+from pipeline.stages.seen_images import SeenImage, digest_of_images
+from pipeline.store.disk import Disk
+
+CACHE = "relative_pose"
+POSE_CODE = ("geometry", "models", "pose_estimation")
+POSE_PACKAGES = ("numpy", "scipy", "opencv-python-headless", "numba", "torch")
+"""What poses depend on, beside the weights."""
+_FILES = (
+    "evaluation/pose_errors.py",
+    "stages/measured_poses.py",
+    "stages/pose_source.py",
+    "stages/pose_weights.py",
+    "stages/seen_images.py",
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PoseVariant:
+    """An estimator as it is measured: its source, and whether the robot stands on the camera's floor."""
+
+    source: PoseSource
+    floor: bool
+
+    @property
+    def name(self) -> str:
+        """What tables call it."""
+        return "floor" if self.floor else "free"
+
+
+def measured_poses(
+    variant: PoseVariant, images: Sequence[SeenImage], *, folder: Path, workers: int, console: Console
+) -> PoseOutcomes:
+    """What becomes of each image; from the cache, if nothing that it depends on has changed.
+
+    Args:
+        variant: of the estimator.
+        images: at least one.
+        folder: of the report.
+        workers: processes; a single one is this one.
+        console: where to tell.
+    """
+    measurement = Measurement(
+        command="evaluate-pose",
+        name=variant.name,
+        items_name="images",
+        measure=partial(_measure, variant),
+        from_json=PoseOutcome.from_json,
+        key={
+            "weights": variant.source.digest,
+            "floor": variant.floor,
+            "images": digest_of_images(images),
+            "code": code_digest(POSE_CODE, _FILES),
+            "packages": versions(POSE_PACKAGES),
+        },
+    )
+    cache = Disk(str(folder / CACHE))
+    rows = measured(measurement, images, cache=cache, workers=workers, console=console)
+    return PoseOutcomes(tuple(image.truth for image in images), rows)
+
+
+def _measure(variant: PoseVariant, images: Sequence[SeenImage]) -> list[PoseOutcome]:
+    estimator = variant.source.estimator(floor=variant.floor)
+    # Once untimed: compiled code is loaded at the first call.
+    estimator(images[0].pixels(), images[0].camera, images[0].T_r0_c)
+    outcomes = []
+    for image in images:
+        pixels = image.pixels()
+        started_s = time.perf_counter()
+        pose = estimator(pixels, image.camera, image.T_r0_c)
+        duration_s = time.perf_counter() - started_s
+        outcomes.append(PoseOutcome.of(image.truth.image_id, pose, duration_s=duration_s))
+    return outcomes

@@ -1,0 +1,173 @@
+"""Images of the published dataset that a robot took, each with what an estimator is given and the truth."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import cv2
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from pipeline.errors import StoreError
+from pipeline.evaluation.pose_errors import ImageTruth, as_seen
+from pipeline.evaluation.sampling import located_columns, rows_at
+from pipeline.geometry.camera import PinholeCamera, se2_from_se3
+from pipeline.geometry.se2 import SE2, Array
+from pipeline.pose_estimation.look import Image
+from pipeline.schema import PAIRS, POSES
+from pipeline.seeds import stream
+from pipeline.store.read import StageReader
+from pipeline.store.records import digest_of
+
+PLAUSIBLE, SIGHTING = "plausible", "sighting"
+KINDS = (PLAUSIBLE, SIGHTING)
+"""Training images on the floor of a room, and what robot 0 saw at a rendezvous. The `free` training images
+are left out: no robot takes them, so there is neither a camera's height nor a relative pose on a floor."""
+
+_TABLES = {PLAUSIBLE: (POSES, "pose_id"), SIGHTING: (PAIRS, "pair_id")}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SeenImage:
+    """One image.
+
+    Attributes:
+        truth: what it shows.
+        encoded: JPEG or PNG.
+        camera: that took it.
+        T_r0_c: (4, 4) pose of the camera on robot 0, as its file has it.
+        cuboid_size_m: sides of robot 1's cuboid.
+        box_px: (4,) around its visible pixels; None where there are none.
+        plan_digest: of the floor plan.
+    """
+
+    truth: ImageTruth
+    encoded: bytes = field(repr=False)
+    camera: PinholeCamera
+    T_r0_c: Array
+    cuboid_size_m: tuple[float, float, float]
+    box_px: Array | None
+    plan_digest: str
+
+    def pixels(self) -> Image:
+        """(H, W, 3) uint8 red, green, blue.
+
+        Raises:
+            StoreError: the image cannot be decoded.
+        """
+        image = cv2.imdecode(np.frombuffer(self.encoded, np.uint8), cv2.IMREAD_COLOR)
+        if image is None:
+            raise StoreError(f"{self.truth.image_id}: its image cannot be decoded; must be JPEG or PNG")
+        return np.ascontiguousarray(image[..., ::-1], dtype=np.uint8)
+
+
+def read_images(
+    reader: StageReader, split: str, *, kinds: Sequence[str] = KINDS, count: int | None = None, seed: int = 0
+) -> list[SeenImage]:
+    """Images of one split, in the order of the tables.
+
+    Args:
+        reader: of the published dataset.
+        split: of it.
+        kinds: of `KINDS`.
+        count: at most so many, drawn at random, uniformly; a larger draw holds a smaller one.
+        seed: of the draw.
+
+    Raises:
+        StoreError: there is none, or a file is missing or damaged or lacks a column.
+    """
+    places = {kind: _places(reader, split, kind) for kind in kinds}
+    total = sum(table.num_rows for table in places.values())
+    if not total:
+        raise StoreError(
+            f"{reader.root}: no {' or '.join(kinds)} images of split {split}; must be a dataset whose images "
+            "`rendezvous render` took and `rendezvous pack` published"
+        )
+    drawn = np.sort(stream(seed, "evaluation", "images").permutation(total)[:count])
+    images, first = list[SeenImage](), 0
+    for kind, table in places.items():
+        mine = drawn[(drawn >= first) & (drawn < first + table.num_rows)] - first
+        schema, id_column = _TABLES[kind]
+        images += [_seen(row, kind, row[id_column]) for row in rows_at(reader, table.take(mine), schema)]
+        first += table.num_rows
+    return images
+
+
+def digest_of_images(images: Sequence[SeenImage]) -> str:
+    """Of all that an estimator is given, and of the truth."""
+    return digest_of(
+        {
+            image.truth.image_id: [
+                digest_of(image.encoded.hex()),
+                image.camera.K().tolist(),
+                image.T_r0_c.tolist(),
+                image.truth.visibility,
+                image.truth.T_r0_r1 and image.truth.T_r0_r1.as_array().tolist(),
+            ]
+            for image in images
+        }
+    )
+
+
+def _places(reader: StageReader, split: str, kind: str) -> pa.Table:
+    """Where the images of one kind lie; no rows where the table or its images are not there."""
+    schema, id_column = _TABLES[kind]
+    under = f"{schema.name}/{split}-"
+    columns = (id_column, "visibility", *(("mode",) if kind == PLAUSIBLE else ()))
+    if not reader.shards(under):
+        return pa.table({name: [] for name in columns})
+    table = located_columns(reader, columns, under=under)
+    needed = (*columns, "image", "K", "T_r0_c")
+    there = reader.table(reader.shards(under)[0].name).column_names
+    for name in needed:
+        if name not in there:
+            raise StoreError(
+                f"{reader.root}/{under}*.parquet: has no column {name!r}; must be as `rendezvous pack` "
+                "writes it"
+            )
+    pictured = pc.is_valid(table["visibility"])
+    return table.filter(
+        pc.and_(pictured, pc.equal(table["mode"], PLAUSIBLE)) if kind == PLAUSIBLE else pictured
+    )
+
+
+def _seen(row: dict[str, Any], kind: str, image_id: str) -> SeenImage:
+    T_c_o, K = row["T_c_o"], row["K"]
+    distance_m, heading_rad = (np.nan, np.nan) if T_c_o is None else as_seen(T_c_o)
+    return SeenImage(
+        truth=ImageTruth(
+            image_id=image_id,
+            plan_id=row["plan_id"],
+            kind=kind,
+            visibility=float(row["visibility"]),
+            T_r0_r1=_true_pose(row, kind),
+            distance_m=distance_m,
+            heading_rad=heading_rad,
+        ),
+        encoded=row["image"],
+        camera=PinholeCamera(
+            fx_px=float(K[0, 0]),
+            fy_px=float(K[1, 1]),
+            cx_px=float(K[0, 2]),
+            cy_px=float(K[1, 2]),
+            width_px=row["image_width_px"],
+            height_px=row["image_height_px"],
+        ),
+        T_r0_c=row["T_r0_c"],
+        cuboid_size_m=(*(float(side) for side in row["cuboid_size_m"]),),  # type: ignore[arg-type]
+        box_px=row["box_px"],
+        plan_digest=row["plan_digest"],
+    )
+
+
+def _true_pose(row: dict[str, Any], kind: str) -> SE2 | None:
+    """Where robot 1 stands; in a plausible image by the camera as it truly stood, a little askew."""
+    if row["T_c_o"] is None:
+        return None
+    if kind == SIGHTING:
+        pose: SE2 = row["T_r0_r1_true"]
+        return pose
+    return se2_from_se3(row["T_r0_c_true"] @ row["T_c_o"] @ np.linalg.inv(row["T_r1_o"]))
