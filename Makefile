@@ -12,7 +12,7 @@ RENDEZVOUS := $(VENV)/bin/rendezvous
 OPTIONS = --preset $(PRESET) --data $(DATA) $(if $(WORKERS),--workers $(WORKERS)) $(foreach item,$(SET),--set $(item))
 
 .DEFAULT_GOAL := help
-.PHONY: help setup dataset train inspect evaluate test test-fast check bench golden docs clean
+.PHONY: help setup dataset train train-pose inspect evaluate test test-fast check bench golden docs clean
 
 help:  ## print this
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -26,6 +26,9 @@ dataset: $(READY)  ## floor plans -> DATA/dataset, the Parquet dataset of rendez
 
 train: $(READY)  ## train the default estimator on DATA/dataset, about 20 minutes; goes on after a kill
 	$(RENDEZVOUS) train --resume $(OPTIONS) $(if $(OUT),--out $(OUT))
+
+train-pose: $(READY)  ## train the relative-pose network on DATA/dataset, about an hour; goes on after a kill
+	$(RENDEZVOUS) train-pose --resume $(OPTIONS) $(if $(OUT),--out $(OUT))
 
 inspect: $(READY)  ## draw contact sheets of DATA/dataset to report/
 	$(RENDEZVOUS) inspect $(DATA)/dataset

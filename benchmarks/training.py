@@ -17,7 +17,8 @@ import torch
 from pipeline.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from pipeline.geometry.se2 import SE2
 from pipeline.schema import IMAGE_TYPE, SE2_TYPE
-from pipeline.training.data import Batch, TrainingBatches, training_loader
+from pipeline.training.batches import training_loader
+from pipeline.training.data import Batch, TrainingBatches
 from pipeline.training.loop import Step, TrainingState, fit
 from pipeline.training.pairs import PairTable
 from pipeline.training.parameters import Budget, Optimisation, Sampling

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import sys
 from collections.abc import Callable
 from importlib import import_module
@@ -25,7 +24,8 @@ from pipeline.cli_options import (
     data_folder,
     make_run,
 )
-from pipeline.errors import ConfigError, PipelineError, SetupError
+from pipeline.cli_train import calibrate, train, train_pose
+from pipeline.errors import ConfigError, PipelineError
 
 if TYPE_CHECKING:
     from pipeline.engine import Run
@@ -90,65 +90,9 @@ _stage_command("pack", "Publish sightings and images as a dataset, split by floo
 _stage_command("dataset", "All of the above, in order.")
 
 
-@app.command()
-def train(
-    model: Annotated[
-        str | None, typer.Option("--model", help="matcher, or a row of the paper's table: vit-reg-lie, ...")
-    ] = None,
-    minutes: Annotated[float | None, typer.Option("--minutes", help="How long to train.")] = None,
-    resume: Annotated[
-        bool, typer.Option("--resume", help="Go on from the folder's checkpoint, if there is one.")
-    ] = False,
-    out: Annotated[
-        Path | None, typer.Option("--out", help="Folder of checkpoint and weights; runs/MODEL by default.")
-    ] = None,
-    config: Config = "stages.yaml",
-    preset: Preset = "default",
-    overrides: Overrides = [],  # noqa: B006 - Typer reads the default, nothing writes it
-    data: Data = "data",
-    workers: Workers = CORES,
-    seed: Seed = None,
-) -> None:
-    """Train the frame-error estimator on the published pairs."""
-    given = {"model": model, "minutes": minutes}
-    named = [f"train.{key}={value}" for key, value in given.items() if value is not None]
-    run = make_run(config, preset, [*overrides, *named], data, workers, seed, "local")
-    # Read when torch is imported: threads that wait for each other shall sleep. On a machine that also does
-    # something else, such as drawing samples, spinning makes a step up to twenty times slower.
-    os.environ.setdefault("OMP_WAIT_POLICY", "passive")
-    try:
-        from pipeline.stages.train import train as trained
-    except ModuleNotFoundError as error:
-        raise SetupError(
-            f"{error.name} is missing; `pip install 'rendezvous-fusion[learn]'` installs what training needs"
-        ) from error
-    try:
-        trained(run, out=out, resume=resume)
-    except KeyboardInterrupt as interrupt:
-        print("rendezvous: interrupted; --resume goes on from the last checkpoint", file=sys.stderr)
-        raise typer.Exit(130) from interrupt
-
-
-@app.command()
-def calibrate(
-    weights: Annotated[Path, typer.Argument(help="A matcher's weights.safetensors.")] = Path(
-        "runs/matcher/weights.safetensors"
-    ),
-    data: Data = "data",
-    seed: Annotated[int, typer.Option("--seed", min=0, help="Of the frame errors.")] = 0,
-    workers: Workers = CORES,
-) -> None:
-    """Fit a matcher's confidence to validation pairs; `train` does it at its end."""
-    from rich.console import Console
-
-    try:
-        from pipeline.stages.calibrate import calibrate as calibrated
-    except ModuleNotFoundError as error:
-        raise SetupError(
-            f"{error.name} is missing; `pip install 'rendezvous-fusion[learn]'` installs what training needs"
-        ) from error
-    dataset = f"{data_folder(data).rstrip('/')}/dataset"
-    calibrated(weights, dataset, seed=seed, threads=workers, console=Console(stderr=True))
+app.command()(train)
+app.command()(train_pose)
+app.command()(calibrate)
 
 
 @app.command()

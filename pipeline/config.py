@@ -19,6 +19,7 @@ from pipeline.store.records import dotted
 from pipeline.strict_section import Section, validated_section
 from pipeline.strict_yaml import load_file, load_value
 from pipeline.training.parameters import Optimisation, Sampling
+from pipeline.training.pose_sampling import PoseSampling
 
 PositiveInt = Annotated[int, Field(ge=1)]
 Positive = Annotated[float, Field(gt=0)]
@@ -37,14 +38,17 @@ class StageSection(Section):
 
     Attributes:
         upstream: the stages whose output the stage's code reads.
+        beside_data: whether it writes to the working folder, as what it makes outlives the data; several may
+            share a folder there, in which each run has its own.
     """
 
     upstream: ClassVar[tuple[str, ...]] = ()
+    beside_data: ClassVar[bool] = False
 
     @classmethod
     def stage(cls) -> str:
-        """The stage's name: `ExploreSection` is `explore`'s."""
-        return cls.__name__.removesuffix("Section").lower()
+        """The stage's name: `ExploreSection` is `explore`'s, `TrainPoseSection` is `train_pose`'s."""
+        return re.sub(r"(?<=[a-z])(?=[A-Z])", "_", cls.__name__.removesuffix("Section")).lower()
 
     def parameters(self, *, exclude: Collection[str] = ()) -> dict[str, Any]:
         """Values as JSON holds them, by their full key, e.g. `explore.max_range_m`.
@@ -161,30 +165,54 @@ class PackSection(StageSection):
     test_fraction: SplitFraction
 
 
-class TrainSection(StageSection):
-    """How the frame-error estimator is trained.
+class TrainingSection(StageSection):
+    """How weights are found, whatever the model.
 
     Attributes:
-        model: `matcher`, or a row of the paper's Table I: `vit-reg-lie`, `cnn`, ...
         settings: of the model's own configuration, those that are not to be the default.
         minutes, samples: when training ends, whichever comes first; null for no such bound, but not both.
         validations: how often the averaged weights are measured, evenly over the budget.
-        validation_pairs: with how many pairs.
         checkpoint_every_s: how much a kill may cost.
-        sampling: what is drawn from each pair.
         optimisation: batches, learning rate, precision.
     """
 
     upstream = ("pack",)
-    model: str
+    beside_data = True
     settings: dict[str, Any]
     minutes: Positive | None
     samples: PositiveInt | None
     validations: PositiveInt
-    validation_pairs: PositiveInt
     checkpoint_every_s: Positive
-    sampling: Sampling
     optimisation: Optimisation
+
+
+class TrainSection(TrainingSection):
+    """How the frame-error estimator is trained.
+
+    Attributes:
+        model: `matcher`, or a row of the paper's Table I: `vit-reg-lie`, `cnn`, ...
+        validation_pairs: with how many pairs the averaged weights are measured.
+        sampling: what is drawn from each pair.
+    """
+
+    model: str
+    validation_pairs: PositiveInt
+    sampling: Sampling
+
+
+class TrainPoseSection(TrainingSection):
+    """How the relative-pose network is trained.
+
+    Attributes:
+        initial_features: with `settings.features: vgg19`: a safetensors file of VGG-19's weights by
+            torchvision's names, such as `features.0.weight`; null to begin with random ones.
+        validation_images: with how many images the averaged weights are measured.
+        sampling: what is drawn from each image.
+    """
+
+    initial_features: str | None
+    validation_images: PositiveInt
+    sampling: PoseSampling
 
 
 class Parameters(Section):
@@ -197,6 +225,7 @@ class Parameters(Section):
     render: RenderSection
     pack: PackSection
     train: TrainSection
+    train_pose: TrainPoseSection
 
 
 class StageLinks(Section):
@@ -220,7 +249,7 @@ class Config:
     Attributes:
         seed: the root of every random stream.
         stages: what each stage reads and writes, in flow order.
-        floorplans, meshes, explore, render, pack, train: the stages' parameters.
+        floorplans, meshes, explore, render, pack, train, train_pose: the stages' parameters.
     """
 
     seed: int
@@ -231,6 +260,7 @@ class Config:
     render: RenderSection
     pack: PackSection
     train: TrainSection
+    train_pose: TrainPoseSection
 
 
 def load_config(
@@ -273,15 +303,16 @@ def _check_flow(stages: Mapping[str, StageLinks], file: str) -> None:
                 f"{file}: stages.{name}.writes is {stage.writes!r:.60}; must be one folder's plain name: "
                 "small letters, digits, '-' and '_'"
             )
-        if (other := folders.setdefault(stage.writes, name)) != name:
+        section = _section(name)
+        shared = section is not None and section.beside_data
+        if not shared and (other := folders.setdefault(stage.writes, name)) != name:
             raise ConfigError(
                 f"{file}: stages.{name}.writes is {stage.writes!r}, as is {other}'s; each stage needs its own"
             )
-        read = _upstream(name)
-        if read is not None and set(stage.reads) != set(read):
+        if section is not None and set(stage.reads) != set(section.upstream):
             raise ConfigError(
-                f"{file}: stages.{name}.reads is {list(stage.reads)}; must be {list(read)}, which is what "
-                "its code reads"
+                f"{file}: stages.{name}.reads is {list(stage.reads)}; must be {list(section.upstream)}, "
+                "which is what its code reads"
             )
         for upstream in stage.reads:
             if upstream not in known:
@@ -292,11 +323,11 @@ def _check_flow(stages: Mapping[str, StageLinks], file: str) -> None:
         known.append(name)
 
 
-def _upstream(stage: str) -> tuple[str, ...] | None:
-    """What a stage's code reads; None if there is no such stage, which is told where its parameters are."""
+def _section(stage: str) -> type[StageSection] | None:
+    """The section of a stage; None if there is no such stage, which is told where its parameters are."""
     field = Parameters.model_fields.get(stage)
     section = field.annotation if field is not None else None
-    return section.upstream if isinstance(section, type) and issubclass(section, StageSection) else None
+    return section if isinstance(section, type) and issubclass(section, StageSection) else None
 
 
 def _preset(file: _StagesFile, preset: str, path: str) -> dict[str, Any]:

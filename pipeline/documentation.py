@@ -15,7 +15,7 @@ from pipeline.evaluation.tables import column_table, markdown_table
 from pipeline.schema import PAIRS, POSES
 
 ROOT = Path(__file__).parent.parent
-_BESIDE_THE_DATA = ("train",)
+_BESIDE_THE_DATA = ("train", "train_pose")
 """Stages that write to the working folder, as what they make outlives the data."""
 
 

@@ -44,13 +44,14 @@ def test_every_preset_loads(preset: str):
 
 def test_the_stages_are_in_flow_order_and_read_what_was_written_above():
     stages = load_config(STAGES_YAML).stages
-    assert list(stages) == ["floorplans", "meshes", "explore", "render", "pack", "train"]
+    assert list(stages) == ["floorplans", "meshes", "explore", "render", "pack", "train", "train_pose"]
     assert [stage.reads for stage in stages.values()] == [
         (),
         ("floorplans",),
         ("meshes",),
         ("meshes", "explore"),
         ("explore", "render"),
+        ("pack",),
         ("pack",),
     ]
 
@@ -172,7 +173,7 @@ def test_a_stage_cannot_read_what_comes_after_it(tmp_path: Path):
     content["stages"] = dict(reversed(content["stages"].items()))
     path = tmp_path / "reversed.yaml"
     path.write_text(yaml.safe_dump(content, sort_keys=False))
-    assert "stages.train.reads has 'pack'; the stages above it are none" in message_of(path=path)
+    assert "stages.train_pose.reads has 'pack'; the stages above it are none" in message_of(path=path)
 
 
 @pytest.mark.parametrize("reads", ["[]", "[explore]", "[floorplans, explore]"])
@@ -200,6 +201,19 @@ def test_a_stages_folder_has_a_plain_name(edited, writes: str):
 def test_no_two_stages_write_to_one_folder(edited):
     message = message_of(path=edited("writes: meshes", "writes: floorplans"))
     assert "stages.meshes.writes is 'floorplans', as is floorplans's; each stage needs its own" in message
+
+
+def test_runs_of_both_trainings_share_a_folder_beside_the_data():
+    stages = load_config(STAGES_YAML).stages
+    assert stages["train"].writes == stages["train_pose"].writes == "runs"
+
+
+def test_a_sections_keys_begin_with_its_stages_name():
+    config = load_config(STAGES_YAML)
+    for stage in config.stages:
+        section = getattr(config, stage)
+        assert section.stage() == stage
+        assert all(key.startswith(f"{stage}.") for key in section.parameters())
 
 
 @pytest.mark.parametrize("content", [b"", b"\xff\xfe\x00", b"- 1", b"a\x00b"])

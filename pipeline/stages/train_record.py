@@ -3,33 +3,45 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import Any, Generic, Protocol, TypeVar
 
 from rich.console import Console
 from rich.status import Status
 from torch.utils.tensorboard import SummaryWriter
 
-from pipeline.config import TrainSection
+from pipeline.config import TrainingSection
+from pipeline.pose_estimation.look import Image
 from pipeline.progress import LINE_EVERY_S
 from pipeline.store.disk import Disk
 from pipeline.store.records import json_bytes
 from pipeline.training.checkpoint import checkpoint_bytes, weights_bytes
-from pipeline.training.data import Batch
-from pipeline.training.loop import Step, TrainingState
+from pipeline.training.loop import Model, Step, TrainingState
+from pipeline.training.model import TrainableModel
 from pipeline.training.parameters import Budget
 from pipeline.training.processes import Processes
-from pipeline.training.validation import CurvePoint, validate
 
 CHECKPOINT, WEIGHTS, CURVE = "checkpoint.safetensors", "weights.safetensors", "curve.json"
 """To go on from; to use; error against training samples."""
 
 _SCALARS_EVERY_STEPS = 10
 
+ModelSeen = TypeVar("ModelSeen", bound=TrainableModel[Any], contravariant=True)
 
-class Recorder:
+
+class Validation(Protocol[ModelSeen]):
+    """Measures averaged weights on what stays the same."""
+
+    def figures(self, model: ModelSeen) -> Mapping[str, Any]:
+        """What the model's point of the curve tells of them."""
+
+    def pictures(self, model: ModelSeen) -> Mapping[str, Image]:
+        """What TensorBoard shows of them, by name."""
+
+
+class Recorder(Generic[Model]):
     """Validates, saves and tells, in the first process; the others only train.
 
     A point of the curve is due whenever another of `validations` equal parts of the budget is spent, a
@@ -41,16 +53,16 @@ class Recorder:
         *,
         folder: Path,
         about: Mapping[str, Any],
-        section: TrainSection,
+        section: TrainingSection,
         budget: Budget,
-        validation: Sequence[Batch],
+        validation: Validation[Model],
         processes: Processes,
         console: Console,
-        seed: int,
         resumed_samples: int,
     ) -> None:
         self._disk, self._about, self._section = Disk(str(folder)), about, section
-        self._budget, self._validation, self._seed = budget, validation, seed
+        self._model = about["model"]
+        self._budget, self._validation = budget, validation
         self._processes, self._console = processes, console
         self._events: SummaryWriter | None = None
         if processes.first:
@@ -61,9 +73,9 @@ class Recorder:
         self._saved_s = self._told_s = time.monotonic()
         self._rate_from: tuple[float, int] | None = None
 
-    def __enter__(self) -> Recorder:
+    def __enter__(self) -> Recorder[Model]:
         if self._processes.first and self._console.is_terminal:
-            self._status = self._console.status(f"train {self._section.model}")
+            self._status = self._console.status(f"train {self._model}")
             self._status.start()
         return self
 
@@ -75,7 +87,7 @@ class Recorder:
         if self._events is not None:
             self._events.close()
 
-    def after(self, state: TrainingState, step: Step) -> None:
+    def after(self, state: TrainingState[Model], step: Step) -> None:
         """See what is due after a step."""
         if not self._processes.first:
             return
@@ -90,7 +102,7 @@ class Recorder:
         elif time.monotonic() - self._saved_s >= self._section.checkpoint_every_s:
             self._save(state)
 
-    def finish(self, state: TrainingState) -> None:
+    def finish(self, state: TrainingState[Model]) -> None:
         """The last point and the last checkpoint."""
         if not self._processes.first:
             return
@@ -99,25 +111,24 @@ class Recorder:
             self._save(state)
         self._say(f"{state.step} steps, {state.elapsed_s:.0f} s; {self._disk.shown(WEIGHTS)}")
 
-    def _add_point(self, state: TrainingState) -> None:
-        found = validate(state.average, self._validation, device=self._processes.device, seed=self._seed)
-        point = CurvePoint(
+    def _add_point(self, state: TrainingState[Model]) -> None:
+        point = state.model.point(
             samples=state.samples,
             elapsed_s=round(state.elapsed_s, 3),
             training_loss=state.loss_sum / state.loss_steps,
-            validation_loss=found.loss,
-            error_x_m=found.error[0],
-            error_y_m=found.error[1],
-            error_yaw_rad=found.error[2],
+            **self._validation.figures(state.average),
         )
         state.curve.append(point)
         state.loss_sum, state.loss_steps = 0.0, 0
         self._say(point.told())
         if self._events is not None:
             for name, value in point.as_dict().items():
-                self._events.add_scalar(f"curve/{name}", value, state.samples)
+                if value is not None:
+                    self._events.add_scalar(f"curve/{name}", value, state.samples)
+            for name, picture in self._validation.pictures(state.average).items():
+                self._events.add_image(name, picture, state.samples, dataformats="HWC")
 
-    def _save(self, state: TrainingState) -> None:
+    def _save(self, state: TrainingState[Model]) -> None:
         """Checkpoint last: whoever finds it finds the others no older.
 
         The weights tell the curve as well: a kill before the next file leaves that one a point behind.
@@ -128,7 +139,7 @@ class Recorder:
         self._disk.write(CHECKPOINT, checkpoint_bytes(state, self._about))
         self._saved_s = time.monotonic()
 
-    def _write_scalars(self, state: TrainingState, step: Step) -> None:
+    def _write_scalars(self, state: TrainingState[Model], step: Step) -> None:
         assert self._events is not None
         scalars = {
             "loss": step.loss,
@@ -139,7 +150,7 @@ class Recorder:
         for name, value in scalars.items():
             self._events.add_scalar(f"train/{name}", value, state.samples)
 
-    def _tell(self, state: TrainingState, step: Step, spent: float) -> None:
+    def _tell(self, state: TrainingState[Model], step: Step, spent: float) -> None:
         """How fast it goes and how long it will take, from this process's own steps."""
         now_s = time.monotonic()
         if self._rate_from is None:
@@ -156,11 +167,9 @@ class Recorder:
             f"{100.0 * min(spent, 1.0):.0f} % done, about {left_s:.0f} s left"
         )
         if self._status is not None:
-            self._status.update(f"train {self._section.model}: {line}")
+            self._status.update(f"train {self._model}: {line}")
         else:
             self._say(line)
 
     def _say(self, line: str) -> None:
-        self._console.print(
-            f"train {self._section.model}: {line}", highlight=False, markup=False, soft_wrap=True
-        )
+        self._console.print(f"train {self._model}: {line}", highlight=False, markup=False, soft_wrap=True)

@@ -17,7 +17,6 @@ from torch import Tensor, nn
 
 from pipeline.errors import ConfigError, StoreError
 from pipeline.training.loop import TrainingState
-from pipeline.training.validation import CurvePoint
 
 _FORMAT = 2
 _RECORD = "rendezvous"
@@ -41,7 +40,7 @@ class Checkpoint:
         return {k.removeprefix(prefix): v for k, v in self.tensors.items() if k.startswith(prefix)}
 
 
-def checkpoint_bytes(state: TrainingState, about: Mapping[str, Any]) -> bytes:
+def checkpoint_bytes(state: TrainingState[Any], about: Mapping[str, Any]) -> bytes:
     """All of a run's state.
 
     Args:
@@ -58,7 +57,7 @@ def checkpoint_bytes(state: TrainingState, about: Mapping[str, Any]) -> bytes:
     return _bytes(tensors, {**about, **progress, "curve": [point.as_dict() for point in state.curve]})
 
 
-def weights_bytes(state: TrainingState, about: Mapping[str, Any]) -> bytes:
+def weights_bytes(state: TrainingState[Any], about: Mapping[str, Any]) -> bytes:
     """The averaged weights alone, for use."""
     return _bytes(_named("", state.average), {**about, "step": state.step, "samples": state.samples})
 
@@ -91,7 +90,7 @@ def retold(checkpoint: Checkpoint, **told: Any) -> bytes:
     return _bytes(checkpoint.tensors, {**checkpoint.record, **told})
 
 
-def restore_in_place(state: TrainingState, checkpoint: Checkpoint, *, where: str) -> None:
+def restore_in_place(state: TrainingState[Any], checkpoint: Checkpoint, *, where: str) -> None:
     """Bring a fresh state to where a checkpoint was taken.
 
     Raises:
@@ -107,7 +106,7 @@ def restore_in_place(state: TrainingState, checkpoint: Checkpoint, *, where: str
     state.optimizer.load_state_dict({"state": moments, "param_groups": groups})
     for name in _PROGRESS:
         setattr(state, name, checkpoint.record[name])
-    state.curve = [CurvePoint(**point) for point in checkpoint.record["curve"]]
+    state.curve = [state.model.point(**point) for point in checkpoint.record["curve"]]
 
 
 def fit_weights_in_place(model: nn.Module, weights: Mapping[str, Tensor], *, where: str) -> None:

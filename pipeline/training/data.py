@@ -8,20 +8,18 @@ Legend: B sample, 2 map (0, then 1 as the wrong transform places it), N cells al
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 from typing import TypedDict
 
-import cv2
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
-from torch.utils.data import DataLoader, Dataset, Sampler
+from torch.utils.data import Dataset
 
 from pipeline.geometry.occupancy_grid import Cells
 from pipeline.seeds import stream
 from pipeline.training.augmentation import augmented
+from pipeline.training.batches import EpochOrder
 from pipeline.training.pairs import PairTable
 from pipeline.training.parameters import Sampling
 from pipeline.training.perturbation import (
@@ -30,8 +28,6 @@ from pipeline.training.perturbation import (
     evaluation_perturbation,
     perturbed_pair,
 )
-
-_BATCHES_AHEAD = 4
 
 
 class Batch(TypedDict):
@@ -68,7 +64,7 @@ class TrainingBatches(Dataset[Batch]):
     ) -> None:
         self.pairs, self.sampling, self.seed = pairs, sampling, seed
         self.batch_size, self.rank, self.processes = batch_size, rank, processes
-        self._permutation: tuple[int, NDArray[np.int64]] | None = None
+        self._order = EpochOrder(len(pairs), seed=seed)
 
     def __getitem__(self, step: int) -> Batch:
         first = (step * self.processes + self.rank) * self.batch_size
@@ -76,8 +72,7 @@ class TrainingBatches(Dataset[Batch]):
 
     def sample(self, number: int) -> PerturbedPair:
         """One sample by its number."""
-        epoch, place = divmod(number, len(self.pairs))
-        pair = self.pairs[int(self._order(epoch)[place])]
+        pair = self.pairs[self._order.row(number)]
         rng, sampling = stream(self.seed, "train", number), self.sampling
         perturbation = draw_perturbation(sampling.perturbation, rng)
         sample = perturbed_pair(
@@ -89,34 +84,6 @@ class TrainingBatches(Dataset[Batch]):
         if rng.random() < sampling.sight_withheld:
             sample = replace(sample, window=sample.window.of_maps_alone())
         return sample
-
-    def _order(self, epoch: int) -> NDArray[np.int64]:
-        if self._permutation is None or self._permutation[0] != epoch:
-            order = stream(self.seed, "train", "epoch", epoch).permutation(len(self.pairs))
-            self._permutation = (epoch, order)
-        return self._permutation[1]
-
-
-def training_loader(
-    batches: TrainingBatches, *, first_step: int, workers: int, pin_memory: bool
-) -> DataLoader[Batch]:
-    """Endless batches in order.
-
-    Args:
-        batches: what to load.
-        first_step: number of the first batch.
-        workers: processes that draw samples beside the one that trains; 0: it draws them itself.
-        pin_memory: for copies to a GPU.
-    """
-    return DataLoader(
-        batches,
-        batch_size=None,
-        sampler=_StepsFrom(first_step),
-        num_workers=workers,
-        prefetch_factor=_BATCHES_AHEAD if workers else None,
-        worker_init_fn=_init_worker,
-        pin_memory=pin_memory,
-    )
 
 
 def validation_batches(
@@ -145,26 +112,6 @@ def validation_batches(
     return [_batch(samples[i : i + batch_size]) for i in range(0, count, batch_size)]
 
 
-def moved(batch: Batch, device: torch.device) -> Batch:
-    """The batch on a device."""
-    return Batch(
-        cells=batch["cells"].to(device, non_blocking=True),
-        sight=batch["sight"].to(device, non_blocking=True),
-        theta=batch["theta"].to(device, non_blocking=True),
-    )
-
-
-class _StepsFrom(Sampler[int]):
-    def __init__(self, first_step: int) -> None:
-        self._first_step = first_step
-
-    def __iter__(self) -> Iterator[int]:
-        step = self._first_step
-        while True:
-            yield step
-            step += 1
-
-
 def _batch(samples: list[PerturbedPair]) -> Batch:
     windows = [sample.window for sample in samples]
     cells: Cells = np.stack([window.cells for window in windows])
@@ -175,7 +122,3 @@ def _batch(samples: list[PerturbedPair]) -> Batch:
         sight=torch.from_numpy(np.stack(sight)),
         theta=torch.from_numpy(theta),
     )
-
-
-def _init_worker(_worker: int) -> None:
-    cv2.setNumThreads(0)  # a worker has one core

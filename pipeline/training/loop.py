@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Any, Generic, Protocol, TypeVar
 
 import torch
 from torch import Tensor, nn
 
 from pipeline.errors import ConfigError
 from pipeline.seeds import stream
-from pipeline.training.data import Batch, moved
-from pipeline.training.model import FrameErrorModel
+from pipeline.training.batches import AnyBatch, moved, samples_in
+from pipeline.training.curve import CurvePoint
+from pipeline.training.model import TrainableModel
 from pipeline.training.optimiser import (
     adamw,
     averaged_copy,
@@ -22,11 +23,12 @@ from pipeline.training.optimiser import (
 )
 from pipeline.training.parameters import Budget, Optimisation
 from pipeline.training.processes import Processes
-from pipeline.training.validation import CurvePoint
+
+Model = TypeVar("Model", bound=TrainableModel[Any])
 
 
 @dataclass(slots=True, kw_only=True)
-class TrainingState:
+class TrainingState(Generic[Model]):
     """All that changes while a model is trained, and all that a run needs to go on.
 
     Attributes:
@@ -38,8 +40,8 @@ class TrainingState:
         curve: what validations have found.
     """
 
-    model: FrameErrorModel
-    average: FrameErrorModel
+    model: Model
+    average: Model
     optimizer: torch.optim.AdamW
     step: int = 0
     samples: int = 0
@@ -49,7 +51,7 @@ class TrainingState:
     curve: list[CurvePoint] = field(default_factory=list)
 
     @staticmethod
-    def fresh(model: FrameErrorModel, settings: Optimisation) -> TrainingState:
+    def fresh(model: Model, settings: Optimisation) -> TrainingState[Model]:
         """The state before the first step."""
         return TrainingState(model=model, average=averaged_copy(model), optimizer=adamw(model, settings))
 
@@ -73,22 +75,22 @@ class Step:
     spent: float
 
 
-class Observer(Protocol):
+class Observer(Protocol[Model]):
     """Watches: validates, saves, tells."""
 
-    def after(self, state: TrainingState, step: Step) -> None:
+    def after(self, state: TrainingState[Model], step: Step) -> None:
         """Called after each step, in every process."""
 
 
 def fit(
-    state: TrainingState,
-    batches: Iterable[Batch],
+    state: TrainingState[Model],
+    batches: Iterable[AnyBatch],
     settings: Optimisation,
     budget: Budget,
     *,
     seed: int,
     processes: Processes,
-    observer: Observer,
+    observer: Observer[Model],
     clock: Callable[[], float],
 ) -> None:
     """Train until the budget is spent.
@@ -125,7 +127,7 @@ def fit(
         _check_finite(shown, float(norm), state.step)
         state.optimizer.step()
         state.step += 1
-        state.samples += len(batch["theta"]) * processes.count
+        state.samples += samples_in(batch) * processes.count
         state.loss_sum, state.loss_steps = state.loss_sum + shown, state.loss_steps + 1
         update_average(state.average, state.model, step=state.step, decay=settings.ema_decay)
         state.elapsed_s = clock() - began_s
@@ -138,11 +140,11 @@ def fit(
 class _Loss(nn.Module):
     """The loss as a forward pass, which is where `DistributedDataParallel` looks on."""
 
-    def __init__(self, model: FrameErrorModel) -> None:
+    def __init__(self, model: TrainableModel[Any]) -> None:
         super().__init__()
         self.model = model
 
-    def forward(self, batch: Batch) -> tuple[Tensor, dict[str, float]]:
+    def forward(self, batch: Mapping[str, Any]) -> tuple[Tensor, dict[str, float]]:
         return self.model.loss(batch)
 
 
@@ -154,5 +156,5 @@ def _check_finite(loss: float, norm: float, step: int) -> None:
     if not (abs(loss) < float("inf") and norm < float("inf")):
         raise ConfigError(
             f"step {step}: the loss is {loss}, the gradient's norm {norm}; must be finite: "
-            "a lower train.optimisation.learning_rate or precision fp32 may help"
+            "a lower optimisation.learning_rate or precision fp32 may help"
         )

@@ -3,29 +3,39 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Generic
 
 from torch import Tensor, nn
 
+from pipeline.training.batches import AnyBatch
+from pipeline.training.curve import CurvePoint, FrameErrorPoint
 from pipeline.training.data import Batch
 
 
-class FrameErrorModel(nn.Module, ABC):
-    """A network that finds the frame error in a window, with what it is trained on.
+class TrainableModel(nn.Module, ABC, Generic[AnyBatch]):
+    """A network with what it is trained on.
 
     Attributes:
         suitable_learning_rate: the highest with which it learns well in batches of about ten.
+        point: what a validation of it finds.
     """
 
     suitable_learning_rate: ClassVar[float]
+    point: ClassVar[type[CurvePoint]]
 
     @abstractmethod
     def config(self) -> dict[str, Any]:
         """All that its network is built from, as JSON holds it; weights are kept with it."""
 
     @abstractmethod
-    def loss(self, batch: Batch) -> tuple[Tensor, dict[str, float]]:
+    def loss(self, batch: AnyBatch) -> tuple[Tensor, dict[str, float]]:
         """What is minimised, a scalar, and figures to watch."""
+
+
+class FrameErrorModel(TrainableModel[Batch]):
+    """A network that finds the frame error in a window, with what it is trained on."""
+
+    point = FrameErrorPoint
 
     @abstractmethod
     def theta(self, cells_B2NN: Tensor, sight_B2NN: Tensor) -> Tensor:

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import dataclasses
-import difflib
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any, TypeVar
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -28,8 +26,7 @@ from pipeline.models.matcher_loss import LossSampling, matcher_loss
 from pipeline.training.data import Batch
 from pipeline.training.model import FrameErrorModel
 from pipeline.training.parameters import Sampling
-
-Record = TypeVar("Record")
+from pipeline.training.settings import filled
 
 DEFAULT_MODEL = "matcher"
 PAPER_ROWS: dict[str, AblationRow] = {row.name: row for row in ABLATION_ROWS}
@@ -54,11 +51,15 @@ def build_model(name: str, settings: Mapping[str, Any], sampling: Sampling, *, s
         raise ConfigError(f"train.model is {name!r}; must be one of {', '.join(MODEL_NAMES)}")
     torch.manual_seed(seed)
     if name == DEFAULT_MODEL:
-        config = _filled(MatcherConfig, {"cell_m": sampling.window_cell_m}, settings, name)
+        fixed = {"cell_m": sampling.window_cell_m}
+        config = filled(
+            MatcherConfig, settings, where="train.settings", model=name, fixed=fixed, follows=_FIXED
+        )
         _check_divides_window("coarse_factor", config.coarse_factor, sampling)
         return MatcherModel(Matcher(config), sampling)
     row = PAPER_ROWS[name]
-    paper = _filled(FrameErrorConfig, {"vit": row.vit, "lie": row.lie}, settings, name)
+    kind = {"vit": row.vit, "lie": row.lie}
+    paper = filled(FrameErrorConfig, settings, where="train.settings", model=name, fixed=kind, follows=_FIXED)
     _check_divides_window("cells", paper.cells, sampling)
     paper = replace(paper, cell_m=sampling.window_cell_m * (sampling.window_cells / paper.cells))
     return PaperModel(build_frame_error(paper, generator=torch.Generator().manual_seed(seed)), row)
@@ -145,49 +146,9 @@ class MatcherModel(FrameErrorModel):
         return torch.tensor([theta.as_array().tolist() for theta in thetas], dtype=torch.float32)
 
 
-def _filled(
-    config: type[Record], fixed: Mapping[str, Any], settings: Mapping[str, Any], model: str
-) -> Record:
-    """A model's configuration with what is fixed, and with these settings.
-
-    Raises:
-        ConfigError: a setting is fixed, unknown (names the nearest known), of another type, or has no use.
-    """
-    defaults = {field.name: field.default for field in dataclasses.fields(config)}  # type: ignore[arg-type]
-    known = [key for key in defaults if key not in _FIXED]
-    for key, value in settings.items():
-        if key in defaults and key in _FIXED:
-            raise ConfigError(
-                f"train.settings: {key} is {value!r}; must be left out, as it follows from train.model and "
-                "train.sampling"
-            )
-        if key not in known:
-            near = difflib.get_close_matches(key, known, n=1, cutoff=0.5) or [", ".join(known)]
-            raise ConfigError(f"train.settings: {model} has no {key!r}; the nearest known is {near[0]!r}")
-        if not _is_like(value, defaults[key]):
-            raise ConfigError(
-                f"train.settings: {key} of {model} is {value!r}; must be like {defaults[key]!r}"
-            )
-    given = {key: tuple(value) if isinstance(value, list) else value for key, value in settings.items()}
-    try:
-        return config(**fixed, **given)
-    except ConfigError as error:
-        raise ConfigError(f"train.settings: {error}") from error
-
-
 def _check_divides_window(key: str, value: int, sampling: Sampling) -> None:
     if sampling.window_cells % value:
         raise ConfigError(
             f"train.settings: {key} is {value}; must divide the window's {sampling.window_cells} cells "
             "(train.sampling.window_cells)"
         )
-
-
-def _is_like(value: Any, default: Any) -> bool:
-    if isinstance(default, bool) or isinstance(value, bool):
-        return isinstance(value, bool) and isinstance(default, bool)
-    if isinstance(default, float):
-        return isinstance(value, int | float)
-    if isinstance(default, tuple):
-        return isinstance(value, list | tuple) and all(_is_like(item, default[0]) for item in value)
-    return isinstance(value, type(default))

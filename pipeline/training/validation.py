@@ -3,48 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 
 import numpy as np
 import torch
 
 from pipeline.alignment.frame_error import pose_difference
 from pipeline.geometry.se2 import SE2
-from pipeline.training.data import Batch, moved
+from pipeline.pose_estimation.look import Image
+from pipeline.training.batches import moved
+from pipeline.training.data import Batch
 from pipeline.training.model import FrameErrorModel
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CurvePoint:
-    """Where training stood once: one point of "error against training samples".
-
-    Attributes:
-        samples: seen so far.
-        elapsed_s: time in training, validation included.
-        training_loss: mean since the last point.
-        validation_loss: of the averaged weights.
-        error_x_m, error_y_m, error_yaw_rad: mean absolute components of θ̂⁻¹ θ on the validation pairs.
-    """
-
-    samples: int
-    elapsed_s: float
-    training_loss: float
-    validation_loss: float
-    error_x_m: float
-    error_y_m: float
-    error_yaw_rad: float
-
-    def as_dict(self) -> dict[str, float]:
-        """Values by field."""
-        return asdict(self)
-
-    def told(self) -> str:
-        """In words."""
-        return (
-            f"{self.samples} samples: loss {self.training_loss:.4g}, on validation pairs "
-            f"{self.validation_loss:.4g}, mean error {self.error_x_m:.3f} m, {self.error_y_m:.3f} m, "
-            f"{self.error_yaw_rad:.3f} rad"
-        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -53,6 +22,35 @@ class ValidationResult:
 
     loss: float
     error: tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FrameErrorValidation:
+    """Measures models on pairs that stay the same.
+
+    Attributes:
+        batches: of the pairs.
+        device: where the models are.
+        seed: of what the loss itself may draw.
+    """
+
+    batches: Sequence[Batch]
+    device: torch.device
+    seed: int
+
+    def figures(self, model: FrameErrorModel) -> dict[str, float | None]:
+        """What a `FrameErrorPoint` tells of them."""
+        found = validate(model, self.batches, device=self.device, seed=self.seed)
+        return {
+            "validation_loss": found.loss,
+            "error_x_m": found.error[0],
+            "error_y_m": found.error[1],
+            "error_yaw_rad": found.error[2],
+        }
+
+    def pictures(self, model: FrameErrorModel) -> dict[str, Image]:
+        """None."""
+        return {}
 
 
 @torch.no_grad()

@@ -13,12 +13,12 @@ from pipeline.training.checkpoint import (
     restore_in_place,
     weights_bytes,
 )
+from pipeline.training.curve import FrameErrorPoint
 from pipeline.training.loop import TrainingState
 from pipeline.training.parameters import Optimisation
-from pipeline.training.validation import CurvePoint
 from tests.training.tiny import TinyModel, tiny_model
 
-POINT = CurvePoint(
+POINT = FrameErrorPoint(
     samples=8,
     elapsed_s=1.5,
     training_loss=0.5,

@@ -10,7 +10,8 @@ import torch
 
 from pipeline.alignment.frame_error import frame_error
 from pipeline.training.augmentation import Augmentation
-from pipeline.training.data import TrainingBatches, training_loader, validation_batches
+from pipeline.training.batches import EpochOrder, training_loader
+from pipeline.training.data import TrainingBatches, validation_batches
 from pipeline.training.pairs import PairTable
 from pipeline.training.parameters import Sampling
 from tests.training.tiny import SAMPLING
@@ -70,12 +71,12 @@ def test_a_label_is_the_frame_error_of_its_transform(pairs: PairTable):
     assert source[2]["theta"][1].numpy() == pytest.approx(sample.theta_w.as_array(), abs=1e-6)
 
 
-def test_every_epoch_sees_every_pair_once_in_an_order_of_its_own(pairs: PairTable):
-    source = batches(pairs)
-    orders = [source._order(epoch).tolist() for epoch in (0, 1, 0)]
-    assert sorted(orders[0]) == sorted(orders[1]) == list(range(len(pairs)))
-    assert orders[0] == orders[2]
-    assert orders[0] != orders[1]
+def test_every_epoch_sees_every_row_once_in_an_order_of_its_own():
+    order = EpochOrder(7, seed=0)
+    epochs = [[order.row(7 * epoch + place) for place in range(7)] for epoch in (0, 1, 0)]
+    assert sorted(epochs[0]) == sorted(epochs[1]) == list(range(7))
+    assert epochs[0] == epochs[2]
+    assert epochs[0] != epochs[1]
 
 
 def test_another_seed_gives_other_samples(pairs: PairTable):

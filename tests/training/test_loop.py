@@ -9,8 +9,9 @@ import pytest
 import torch
 
 from pipeline.errors import ConfigError
+from pipeline.training.batches import training_loader
 from pipeline.training.checkpoint import checkpoint_bytes, read_checkpoint, restore_in_place
-from pipeline.training.data import TrainingBatches, training_loader
+from pipeline.training.data import TrainingBatches
 from pipeline.training.loop import TrainingState, fit
 from pipeline.training.optimiser import adamw, averaged_copy, learning_rate, update_average
 from pipeline.training.pairs import PairTable
