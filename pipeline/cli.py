@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from pipeline.cli_export import export_app
+from pipeline.cli_fuse import fuse
 from pipeline.cli_options import (
     CORES,
     Config,
@@ -93,6 +94,7 @@ _stage_command("dataset", "All of the above, in order.")
 app.command()(train)
 app.command()(train_pose)
 app.command()(calibrate)
+app.command()(fuse)
 
 
 @app.command()

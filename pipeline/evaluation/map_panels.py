@@ -75,8 +75,8 @@ def map_panel(
 ) -> Image:
     """One panel: cells, paths and robots of one map in its own frame, or of both in w (`T_w_m0`)."""
     canvas = Canvas(*size_px, UNSEEN)
-    sampled = [_sample(pair.grids[i], T, view, size_px) for i, T in layers]
-    canvas.image[:] = _blend(sampled) if T_w_m0 else _greys(sampled[0])
+    maps = [sampled(pair.grids[i], T, view, size_px) for i, T in layers]
+    canvas.image[:] = blended(maps) if T_w_m0 else _greys(maps[0])
     if T_w_m0:
         _draw_sighting(canvas, pair, view, T_w_m0)
     for robot, T in layers:
@@ -87,7 +87,7 @@ def map_panel(
     return canvas.image
 
 
-def _sample(grid: OccupancyGrid, T_d_m: SE2, view: View, size_px: tuple[int, int]) -> Image:
+def sampled(grid: OccupancyGrid, T_d_m: SE2, view: View, size_px: tuple[int, int]) -> Image:
     """(2H, 2W) the map's values at twice the panel's pixels, in the panel's frame d."""
     width_px, height_px = size_px
     u, v = np.meshgrid(np.arange(2 * width_px) / 2.0, np.arange(2 * height_px) / 2.0)
@@ -98,7 +98,7 @@ def _greys(cells: Image) -> Image:
     return _halved(_painted([(cells == FREE, PAPER), (cells == OCCUPIED, INK)], cells.shape))
 
 
-def _blend(cells: Sequence[Image]) -> Image:
+def blended(cells: Sequence[Image]) -> Image:
     """Red and blue where one map has something, violet where both have."""
     known = [c != UNKNOWN for c in cells]
     walls = [c == OCCUPIED for c in cells]
@@ -138,10 +138,11 @@ def _draw_path(
     canvas.polyline(view.uv_px(T_d_m @ estimated_m), colour=colour, width_px=3)
     canvas.polyline(view.uv_px(T_d_m_true @ true_m), colour=INK)
     canvas.disc(view.uv_px(T_d_m @ estimated_m[:1])[0], radius_px=5, colour=PAPER, outline=colour)
-    _draw_robot(canvas, view, T_d_m @ pair.row[f"T_m{robot}_r{robot}"], colour)
+    draw_robot(canvas, view, T_d_m @ pair.row[f"T_m{robot}_r{robot}"], colour)
 
 
-def _draw_robot(canvas: Canvas, view: View, T_d_r: SE2, colour: Colour) -> None:
+def draw_robot(canvas: Canvas, view: View, T_d_r: SE2, colour: Colour) -> None:
+    """Draws a disc with a nose, as large as the robot or as can be seen."""
     radius_px = max(_ROBOT_RADIUS_M * view.px_per_m, 7.0)
     nose_m = np.array([[0.0, 0.0], [2.0 * radius_px / view.px_per_m, 0.0]])
     nose_px = view.uv_px(T_d_r @ nose_m)

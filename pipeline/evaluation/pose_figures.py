@@ -79,6 +79,19 @@ def labelled_image(row: Mapping[str, Any], *, width_px: int) -> Image:
     return canvas.image
 
 
+def image_with_cuboid(image: Image, uv_px: Array) -> Image:
+    """A picture with a cuboid drawn over: its edges, its front, its centroid.
+
+    Args:
+        image: (H, W, 3) uint8 RGB.
+        uv_px: (9, 2) its points in DOPE's order; NaN for one that is not known.
+    """
+    canvas = Canvas(image.shape[1], image.shape[0])
+    canvas.image[:] = image
+    _draw_label(canvas, {"box_px": None, "projected_cuboid_px": uv_px}, scale=1.0)
+    return canvas.image
+
+
 def visibility_words(row: Mapping[str, Any]) -> str:
     """How much of the robot is visible, in words."""
     return "no robot" if row["T_c_o"] is None else f"{row['visibility']:.0%} visible"

@@ -1,0 +1,90 @@
+"""Fuse two maps from Python: `from pipeline.fuse import fuse`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from pipeline.fusion.refinement import Refinement
+from pipeline.fusion.system import FusionResult
+from pipeline.geometry.se2 import SE2, Array
+from pipeline.pose_estimation.relative_pose import ImagePoseEstimator
+from pipeline.stages.fuse import FuseRequest, fused
+from pipeline.stages.fuse_inputs import CameraLike, ImageLike, MapLike
+from pipeline.stages.fuse_outputs import write_fused
+
+PoseLike = SE2 | Sequence[float] | Array
+"""x [m], y [m], yaw [rad]."""
+
+
+def fuse(
+    map0: MapLike,
+    map1: MapLike,
+    *,
+    pose0: PoseLike,
+    pose1: PoseLike,
+    image: ImageLike | Sequence[ImageLike] | None = None,
+    camera: CameraLike | None = None,
+    camera_pose: Sequence[float] | None = None,
+    robot: str = "burger",
+    relative: PoseLike | None = None,
+    relative_sigma: Sequence[float] | None = None,
+    refine: Literal["none", "learned", "correlative", "auto"] = "auto",
+    strict: bool = False,
+    out: str | Path | None = None,
+    pose_estimator: ImagePoseEstimator | None = None,
+) -> FusionResult:
+    """One global map of two robots' maps, aligned by where robot 0 saw robot 1.
+
+    Args:
+        map0, map1: YAML files of ROS maps, or `OccupancyGrid`s.
+        pose0, pose1: where each robot stood in its own map at the sighting.
+        image: of robot 1, taken by robot 0: a file or (H, W, 3) uint8 RGB; or several of the same sighting.
+        camera: that took it: a ROS camera_info file, a `CameraInfo` or a `PinholeCamera`.
+        camera_pose: x, y, z [m], roll, pitch, yaw [rad] of its body, x forward, on robot 0; as on `robot` by
+            default.
+        robot: a shipped robot or a robot file, of which kind both are.
+        relative: pose of robot 1 in robot 0's frame, instead of an image.
+        relative_sigma: standard deviations of that in x [m], y [m], yaw [rad]; not known by default.
+        refine: `auto`: by the learned matcher, which takes account of how sure the sighting is; `learned`: by
+            the matcher alone; `correlative`: without a network; `none`.
+        strict: keep to a map's thresholds also where they make its unknown cells free.
+        out: folder for the map, pictures and a record; nothing is written by default.
+        pose_estimator: reads the image; the trained one by default.
+
+    Raises:
+        PipelineError: what is given cannot be used, or the robot is not found; says what would be right.
+    """
+    several = isinstance(image, Sequence) and not isinstance(image, str)
+    images: Sequence[ImageLike] = image if several else [] if image is None else [image]  # type: ignore[assignment,list-item]
+    found = fused(
+        FuseRequest(
+            maps=(map0, map1),
+            T_m0_r0=_pose(pose0),
+            T_m1_r1=_pose(pose1),
+            images=tuple(images),
+            camera=camera,
+            camera_pose=None if camera_pose is None else tuple(camera_pose),
+            robot=robot,
+            T_r0_r1=None if relative is None else _pose(relative),
+            relative_sigma=None if relative_sigma is None else _sigma(relative_sigma),
+            refine=Refinement(refine),
+            strict=strict,
+            pose_estimator=pose_estimator,
+        )
+    )
+    if out is not None:
+        write_fused(found, Path(out))
+    return found.result
+
+
+def _pose(given: PoseLike) -> SE2:
+    return given if isinstance(given, SE2) else SE2.from_array(np.asarray(given, np.float64))
+
+
+def _sigma(given: Sequence[float]) -> tuple[float, float, float]:
+    x_m, y_m, yaw_rad = given
+    return x_m, y_m, yaw_rad

@@ -1,0 +1,185 @@
+"""Fuse two maps: read what is given, find where one robot saw the other, call the system."""
+
+from __future__ import annotations
+
+import math
+import time
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from pipeline.errors import ConfigError
+from pipeline.fusion.meeting import Meeting
+from pipeline.fusion.refinement import Refinement, Refiner, correlative_refiner, matcher_refiner
+from pipeline.fusion.sighted_pose import SightedPose, sighted_pose
+from pipeline.fusion.system import FusionResult, fuse_maps
+from pipeline.geometry.camera import PinholeCamera
+from pipeline.geometry.cuboid import Vec3
+from pipeline.geometry.se2 import SE2, Array
+from pipeline.pose_estimation.relative_pose import ImagePoseEstimator, RelativePose
+from pipeline.robot_file import load_robot
+from pipeline.stages.estimators import chosen_methods, trained
+from pipeline.stages.fuse_inputs import (
+    CameraLike,
+    ImageLike,
+    MapLike,
+    Photograph,
+    mounting,
+    read_camera,
+    read_map,
+    read_photograph,
+)
+from pipeline.stages.pose_source import PoseWeights
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FuseRequest:
+    """What is to be fused, by what.
+
+    Attributes:
+        maps: YAML files of ROS maps, or grids, of robot 0 and robot 1.
+        T_m0_r0, T_m1_r1: where each robot stood in its own map when robot 0 saw robot 1.
+        images: of that sighting, taken by robot 0; none where the relative pose is given.
+        camera: that took them: a camera_info file, with or without distortion, or a camera.
+        camera_pose: x, y, z [m], roll, pitch, yaw [rad] of its body on robot 0; None: as on `robot`.
+        robot: what kind both robots are.
+        T_r0_r1: the relative pose, where it is known by other means.
+        relative_sigma: standard deviations of x [m], y [m], yaw [rad] of that; None: not known.
+        refine: how the maps refine it.
+        strict: keep to a map's thresholds also where they make its unknown cells free.
+        pose_estimator: reads the images; None: the trained one.
+    """
+
+    maps: tuple[MapLike, MapLike]
+    T_m0_r0: SE2
+    T_m1_r1: SE2
+    images: Sequence[ImageLike] = ()
+    camera: CameraLike | None = None
+    camera_pose: tuple[float, ...] | None = None
+    robot: str = "burger"
+    T_r0_r1: SE2 | None = None
+    relative_sigma: tuple[float, float, float] | None = None
+    refine: Refinement = Refinement.AUTO
+    strict: bool = False
+    pose_estimator: ImagePoseEstimator | None = None
+
+    def __post_init__(self) -> None:
+        if bool(self.images) == (self.T_r0_r1 is not None):
+            raise ConfigError("fuse: give either images of the sighting or the relative pose, and not both")
+        if self.images and self.camera is None:
+            raise ConfigError("fuse: an image needs the camera that took it")
+        if self.relative_sigma is not None and not all(0.0 < s < np.inf for s in self.relative_sigma):
+            raise ConfigError(
+                f"fuse: relative sigma is {self.relative_sigma}; must be standard deviations above 0"
+            )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Fused:
+    """What came out.
+
+    Attributes:
+        request: what was asked.
+        meeting: maps and poses.
+        result: the fusion.
+        photographs: the images, undistorted.
+        poses: what was read from each.
+        camera: of the images; None where there are none.
+        cuboid_size_m: of the robot that is looked for.
+        seconds: that each part took.
+        warnings: what was found while reading.
+    """
+
+    request: FuseRequest
+    meeting: Meeting
+    result: FusionResult
+    photographs: tuple[Photograph, ...]
+    poses: tuple[RelativePose, ...]
+    camera: PinholeCamera | None
+    cuboid_size_m: Vec3
+    seconds: dict[str, float]
+    warnings: tuple[str, ...]
+
+
+@dataclass(slots=True)
+class _Clock:
+    """Times parts by name."""
+
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    @contextmanager
+    def part(self, name: str) -> Iterator[None]:
+        start = time.perf_counter()
+        yield
+        self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - start
+
+
+def fused(request: FuseRequest) -> Fused:
+    """Fuse two maps.
+
+    Raises:
+        MapError, CameraError, ConfigError, StoreError: what is given cannot be read or used.
+        SightingError: the robot is found in none of the images.
+        SetupError: PyTorch is needed and not installed.
+    """
+    clock = _Clock()
+    with warnings.catch_warnings(record=True) as caught, clock.part("read"):
+        warnings.simplefilter("always")
+        grid_0, grid_1 = (read_map(given, strict=request.strict) for given in request.maps)
+        camera = read_camera(request.camera) if request.camera is not None and request.images else None
+        photographs = tuple(
+            read_photograph(given, camera, number=number)
+            for number, given in enumerate(request.images)
+            if camera is not None
+        )
+        robot = load_robot(request.robot)
+        T_r0_c = mounting(request.camera_pose, request.robot)
+    meeting = Meeting(grid_0=grid_0, grid_1=grid_1, T_m0_r0=request.T_m0_r0, T_m1_r1=request.T_m1_r1)
+    with clock.part("load"):
+        refiner = _refiner(request.refine)
+        estimator = _pose_estimator(request) if photographs else None
+    poses = tuple[RelativePose, ...]()
+    if camera is not None and estimator is not None:
+        with clock.part("see"):
+            poses = tuple(estimator(shot.image, camera.camera, T_r0_c) for shot in photographs)
+    result = fuse_maps(meeting, _sighting(request, poses), refiner, part=clock.part)
+    return Fused(
+        request=request,
+        meeting=meeting,
+        result=result,
+        photographs=photographs,
+        poses=poses,
+        camera=camera.camera if camera else None,
+        cuboid_size_m=robot.cuboid.size_m,
+        seconds=clock.seconds,
+        warnings=tuple(str(w.message) for w in caught),
+    )
+
+
+def _sighting(request: FuseRequest, poses: Sequence[RelativePose]) -> SightedPose:
+    if request.T_r0_r1 is None:
+        return sighted_pose(poses)
+    return SightedPose.given(request.T_r0_r1, _covariance(request.relative_sigma))
+
+
+def _covariance(sigma: tuple[float, float, float] | None) -> Array | None:
+    return None if sigma is None else np.diag(np.square(sigma))
+
+
+def _pose_estimator(request: FuseRequest) -> ImagePoseEstimator:
+    return request.pose_estimator or PoseWeights.found(None).estimator(floor=True)
+
+
+def _refiner(refine: Refinement) -> Refiner | None:
+    if refine is Refinement.NONE:
+        return None
+    if refine is Refinement.CORRELATIVE:
+        return correlative_refiner
+    # Its own search is not used: the refiner sets it.
+    (method,) = chosen_methods(("matcher",), {}, xy_range_m=2.0, yaw_range_rad=math.pi / 4)
+    matcher: Any = trained(method, threads=1).estimator
+    return matcher_refiner(matcher, with_prior=refine is Refinement.AUTO)

@@ -1,0 +1,122 @@
+"""What `fuse` is given, read from files."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from pipeline.errors import CameraError, ConfigError
+from pipeline.geometry.camera import PinholeCamera, camera_pose
+from pipeline.geometry.occupancy_grid import OccupancyGrid
+from pipeline.geometry.se2 import Array
+from pipeline.interop.camera_info import CameraInfo, read_camera_info
+from pipeline.interop.ros_map import read_ros_map
+from pipeline.pose_estimation.look import Image
+from pipeline.robot_file import load_robot
+
+MapLike = str | Path | OccupancyGrid
+ImageLike = str | Path | Image
+CameraLike = str | Path | CameraInfo | PinholeCamera
+
+_JPEG_END, _PNG_END = b"\xff\xd9", b"IEND"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Photograph:
+    """An image as the pinhole camera sees it.
+
+    Attributes:
+        name: for messages and records.
+        image: (H, W, 3) uint8 RGB, free of distortion.
+    """
+
+    name: str
+    image: Image
+
+
+def read_map(given: MapLike, *, strict: bool) -> OccupancyGrid:
+    """A map of ROS, or the grid that is given.
+
+    Raises:
+        MapError: the file is missing or no map.
+    """
+    return given if isinstance(given, OccupancyGrid) else read_ros_map(Path(given), strict=strict)
+
+
+def read_camera(given: CameraLike) -> CameraInfo:
+    """A calibration of ROS, or the camera that is given; a pinhole camera has no distortion.
+
+    Raises:
+        CameraError: the file is missing or no calibration.
+    """
+    if isinstance(given, CameraInfo):
+        return given
+    if isinstance(given, PinholeCamera):
+        return CameraInfo(camera=given, distortion_model="plumb_bob", distortion=())
+    return read_camera_info(Path(given))
+
+
+def read_photograph(given: ImageLike, camera: CameraInfo, *, number: int) -> Photograph:
+    """An image, undistorted.
+
+    Args:
+        given: a file that OpenCV reads, or (H, W, 3) uint8 RGB.
+        camera: that took it.
+        number: of the image, for messages about an array.
+
+    Raises:
+        CameraError: it is no image, is cut short, or is not of the camera's size.
+    """
+    if isinstance(given, np.ndarray):
+        name, image = f"image {number}", given
+        if image.ndim != 3 or image.shape[2] != 3 or image.dtype != np.uint8:
+            raise CameraError(f"{name}: shape {image.shape}, {image.dtype}; must be (H, W, 3) uint8 RGB")
+    else:
+        name, image = str(given), _decoded(Path(given))
+    try:
+        return Photograph(name=name, image=np.ascontiguousarray(camera.undistorted(image)))
+    except CameraError as error:
+        raise CameraError(f"{name}: {error}") from error
+
+
+def _decoded(path: Path) -> Image:
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise CameraError(f"{path}: {(error.strerror or str(error)).lower()}; must be an image") from error
+    image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR_RGB) if data else None
+    if image is None:
+        raise CameraError(
+            f"{path}: {len(data)} bytes that are no image; must be PNG, JPEG or another that OpenCV reads"
+        )
+    # OpenCV fills up what is missing of a file that was cut short.
+    if (data.startswith(b"\xff\xd8") and _JPEG_END not in data[-1024:]) or (
+        data.startswith(b"\x89PNG") and _PNG_END not in data[-1024:]
+    ):
+        raise CameraError(f"{path}: the image is cut short after {len(data)} bytes; copy it again")
+    return np.asarray(image, np.uint8)
+
+
+def mounting(camera_pose_xyzrpy: tuple[float, ...] | None, robot: str) -> Array:
+    """(4, 4) T_r0_c, pose of the camera's optical frame on robot 0.
+
+    Args:
+        camera_pose_xyzrpy: x, y, z [m], roll, pitch, yaw [rad] of the camera's body (x forward) on the robot;
+            None: as the robot's file has it.
+        robot: a shipped robot or a robot file.
+
+    Raises:
+        ConfigError: there is no such robot, or not six finite numbers.
+    """
+    if camera_pose_xyzrpy is None:
+        return load_robot(robot).camera.T_r_c()
+    values = np.array(camera_pose_xyzrpy, np.float64)
+    if values.shape != (6,) or not np.isfinite(values).all():
+        raise ConfigError(
+            f"camera pose is {camera_pose_xyzrpy}; must be six finite numbers, "
+            "x, y, z [m], roll, pitch, yaw [rad]"
+        )
+    return camera_pose(values[:3], values[3:])
