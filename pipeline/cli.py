@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from pipeline.cli_evaluate import evaluate, evaluate_pose
 from pipeline.cli_export import export_app
 from pipeline.cli_fuse import fuse
 from pipeline.cli_options import (
@@ -22,11 +23,10 @@ from pipeline.cli_options import (
     Seed,
     Workers,
     choice,
-    data_folder,
     make_run,
 )
 from pipeline.cli_train import calibrate, train, train_pose
-from pipeline.errors import ConfigError, PipelineError
+from pipeline.errors import PipelineError
 
 if TYPE_CHECKING:
     from pipeline.engine import Run
@@ -95,72 +95,8 @@ app.command()(train)
 app.command()(train_pose)
 app.command()(calibrate)
 app.command()(fuse)
-
-
-@app.command()
-def evaluate(
-    data: Data = "data",
-    split: Annotated[str, typer.Option("--split", help="train, validation or test.")] = "test",
-    count: Annotated[
-        int | None, typer.Option("--count", min=1, help="At most so many pairs; all by default.")
-    ] = None,
-    methods: Annotated[
-        str, typer.Option("--methods", help="identity,correlative,...; all that can run by default.")
-    ] = "",
-    weights: Annotated[
-        list[str],
-        typer.Option("--weights", metavar="NAME=PATH", help="Of a trained method; may be repeated."),
-    ] = [],  # noqa: B006 - Typer reads the default, nothing writes it
-    xy_range_m: Annotated[
-        float, typer.Option("--xy-range-m", help="Frame errors within ± this in x and y.")
-    ] = 2.0,
-    yaw_range_deg: Annotated[
-        float, typer.Option("--yaw-range-deg", help="Frame errors within ± this in heading.")
-    ] = 45.0,
-    seed: Annotated[int, typer.Option("--seed", min=0, help="Of the frame errors.")] = 0,
-    folder: Annotated[Path, typer.Option("--report", help="Folder of index.html, metrics.json.")] = Path(
-        "report"
-    ),
-    record: Annotated[
-        bool, typer.Option("--record", help="Keep the figures in assets/metrics, for later reports.")
-    ] = False,
-    records: Annotated[
-        Path | None, typer.Option("--records", help="Folder of kept figures, instead of assets/metrics.")
-    ] = None,
-    workers: Workers = CORES,
-) -> None:
-    """Measure how well frame errors are found, by every method, and write the report."""
-    from pipeline.stages.evaluate import RECORDS, Evaluation
-    from pipeline.stages.evaluate import evaluate as evaluated
-
-    page = evaluated(
-        Evaluation(
-            dataset=f"{data_folder(data).rstrip('/')}/dataset",
-            split=split,
-            count=count,
-            methods=tuple(name.strip() for name in methods.split(",") if name.strip()),
-            weights=_named_paths("--weights", weights),
-            xy_range_m=xy_range_m,
-            yaw_range_deg=yaw_range_deg,
-            seed=seed,
-            folder=folder,
-            workers=workers,
-            records=records or RECORDS,
-            record=record,
-        )
-    )
-    print(page)
-
-
-def _named_paths(option: str, given: list[str]) -> dict[str, Path]:
-    """What an option names as NAME=PATH."""
-    found = {}
-    for item in given:
-        name, equals, path = item.partition("=")
-        if not (name and equals and path):
-            raise ConfigError(f"{option} is {item!r}; must be NAME=PATH")
-        found[name] = Path(path)
-    return found
+app.command()(evaluate_pose)
+app.command()(evaluate)
 
 
 @app.command()

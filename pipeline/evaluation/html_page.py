@@ -195,7 +195,8 @@ figure{margin:1.1rem 0}img{max-width:100%;height:auto;display:block}
 .gallery{display:grid;
 grid-template-columns:repeat(auto-fill,minmax(170px,1fr));gap:12px;margin:.6rem 0 1.4rem}
 .images{display:grid;grid-template-columns:repeat(auto-fill,minmax(310px,1fr));gap:14px;margin:.6rem 0 1.4rem}
-.images figure{margin:0}.gallery figure{margin:0}.gallery img{border-radius:6px;border:1px solid var(--line);width:100%}
+.images figure{margin:0}
+.gallery figure{margin:0}.gallery img{border-radius:6px;border:1px solid var(--line);width:100%}
 .gallery figcaption{line-height:1.3;padding-top:.25rem}
 .gallery .good{color:#1f6b32}.gallery .bad{color:var(--red)}
 code{font-family:ui-monospace,Menlo,Consolas,monospace;font-size:.86em;background:var(--soft);

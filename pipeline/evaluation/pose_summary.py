@@ -232,7 +232,7 @@ def _coverage(found: PoseOutcomes) -> Coverage:
 def _window_use(found: PoseOutcomes) -> WindowUse:
     theta = found.theta[found.detected]
     inside = _in_window(theta)
-    by_any = [_in_window(found.thetas(number)).any() for number in np.flatnonzero(found.detected)]
+    by_any = [_in_window(found.thetas(int(number))).any() for number in np.flatnonzero(found.detected)]
     return WindowUse(
         offset_m=Tail.of(np.hypot(theta[:, 0], theta[:, 1])),
         turn_rad=Tail.of(np.abs(theta[:, 2])),

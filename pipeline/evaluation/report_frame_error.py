@@ -22,6 +22,7 @@ from pipeline.evaluation.report import ReportPart, ReportSection
 from pipeline.evaluation.report_figures import calibration_chart, cdf_chart, curve_chart, scatter_chart
 from pipeline.evaluation.report_gallery import Shown, attention_section, gallery_section
 from pipeline.evaluation.report_notes import OVERLAP, SHARES, TASK, comparison_note, table_one_note
+from pipeline.evaluation.report_origin import origin_table
 from pipeline.evaluation.report_symmetry import symmetry_section
 from pipeline.evaluation.report_tables import (
     calibration_table,
@@ -226,18 +227,8 @@ def _origin(content: FrameErrorContent) -> list[Html]:
         *((f"weights of {title(n)}", w) for n, w in _weights(content.rows).items()),
         *content.versions.items(),
     ]
-    rows = "".join(
-        joined(
-            Html("<tr><td class='name'>"),
-            k,
-            Html("</td><td class='words'><code>"),
-            v,
-            Html("</code></td></tr>"),
-        ).text
-        for k, v in told
-    )
     return [
-        Html(f'<div class="scroll"><table><tbody>{rows}</tbody></table></div>'),
+        origin_table(told),
         paragraph(
             "Beside this page lie the frame errors of all pairs, ",
             Html("<code>perturbations.json</code>"),

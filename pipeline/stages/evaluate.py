@@ -3,12 +3,8 @@
 from __future__ import annotations
 
 import math
-import os
-import platform
-import subprocess
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
-from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -36,6 +32,7 @@ from pipeline.stages.estimators import (
     training_of,
 )
 from pipeline.stages.measured_pairs import Trial, measured, perturbation_json
+from pipeline.stages.provenance import commit, hardware, versions
 from pipeline.stages.recorded_rows import RecordedRows
 from pipeline.stages.report_folder import PAGE, keep_evaluation, kept_metrics
 from pipeline.store.disk import Disk
@@ -205,7 +202,7 @@ def _content(
         gallery=gallery,
         attention=attention,
         dataset=settings.dataset,
-        versions={name: metadata.version(name) for name in _PACKAGES},
+        versions=versions(_PACKAGES),
     )
 
 
@@ -265,27 +262,6 @@ def _conditions(trial: Trial, settings: Evaluation) -> Conditions:
         seed=settings.seed,
         xy_range_m=settings.xy_range_m,
         yaw_range_deg=settings.yaw_range_deg,
-        commit=_commit(),
-        hardware=_hardware(),
+        commit=commit(),
+        hardware=hardware(),
     )
-
-
-def _commit() -> str:
-    """Of the code, if it is in a git checkout; marked if files differ from it."""
-    git = ["git", "-C", str(ROOT), "describe", "--always", "--abbrev=40", "--exclude=*", "--dirty=+changes"]
-    try:
-        return subprocess.run(git, capture_output=True, text=True, check=True).stdout.strip()
-    except (OSError, subprocess.CalledProcessError):
-        return ""
-
-
-def _hardware() -> str:
-    """E.g. `2 cores of Intel(R) Xeon(R) CPU @ 2.20GHz`."""
-    cores, model = len(os.sched_getaffinity(0)), platform.processor() or platform.machine()
-    info = Path("/proc/cpuinfo")
-    if info.is_file():
-        lines = info.read_text(encoding="utf-8").splitlines()
-        model = next(
-            (line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")), model
-        )
-    return f"{cores} cores of {model}"

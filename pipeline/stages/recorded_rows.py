@@ -38,7 +38,8 @@ class RecordedRows:
         rows = {
             name: MeasuredRow.from_json(read_json(disk, name) or {}, where=disk.shown(name))
             for name in disk.names()
-            if name.endswith(".json")
+            # Folders below hold the figures of other evaluations.
+            if name.endswith(".json") and "/" not in name
         }
         return RecordedRows(disk=disk, rows=rows)
 
