@@ -96,10 +96,26 @@ def calibrate(
     workers: Workers = CORES,
 ) -> None:
     """Fit a matcher's confidence to validation pairs; `train` does it at its end."""
+    _calibrate("calibrate", weights, data, seed, workers)
+
+
+def calibrate_pose(
+    weights: Annotated[Path, typer.Argument(help="A relative-pose network's weights.safetensors.")] = Path(
+        "runs/relative-pose/weights.safetensors"
+    ),
+    data: Data = "data",
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Of the draw of images.")] = 0,
+    workers: Workers = CORES,
+) -> None:
+    """Fit a relative-pose network's confidence to validation images; `train-pose` does it at its end."""
+    _calibrate("calibrate_pose", weights, data, seed, workers)
+
+
+def _calibrate(stage: str, weights: Path, data: str, seed: int, workers: int) -> None:
     from rich.console import Console
 
     try:
-        from pipeline.stages.calibrate import calibrate as calibrated
+        calibrated: Callable[..., Any] = getattr(import_module(f"pipeline.stages.{stage}"), stage)
     except ModuleNotFoundError as error:
         raise SetupError(
             f"{error.name} is missing; `pip install 'rendezvous-fusion[learn]'` installs what training needs"

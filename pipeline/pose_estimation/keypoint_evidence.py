@@ -51,6 +51,7 @@ class KeypointEvidence:
         variance_px2_GJ: (G, J) of the point around each, along each axis.
         weight_GJ: (G, J) probability of each; 0 where there is none.
         elsewhere_G: (G,) density of a point that is near none of them [1 / px²].
+        cell_px: side of the maps' cells in the image.
         power: of each map's likelihood: one over the number of looks, which all see the same.
     """
 
@@ -59,6 +60,7 @@ class KeypointEvidence:
     variance_px2_GJ: Array
     weight_GJ: Array
     elsewhere_G: Array
+    cell_px: float
     power: float
 
     def log_densities(self, uv_M92: Array, *, added_px2: float = 0.0) -> tuple[Array, Array]:
@@ -111,5 +113,6 @@ def evidence_of(
         variance_px2_GJ=np.repeat(variance[:, None], MOST_PER_CHANNEL, axis=1),
         weight_GJ=weight,
         elsewhere_G=(1.0 - weight.sum(axis=1)) / area_px2,
+        cell_px=float(px_per_cell.mean()),
         power=1.0 / len(found),
     )

@@ -17,8 +17,8 @@ from pipeline.geometry.se2 import Array
 from pipeline.pose_estimation.keypoint_evidence import KeypointEvidence
 from pipeline.pose_estimation.sighting import HEIGHT_SIGMA_M, TILT_SIGMA_RAD, Sighting
 
-_WIDENINGS_PX_PER_PX = (6.0, 6.0, 4.0, 4.0, 2.0, 2.0, 1.0) + (0.0,) * 6
-"""Standard deviations that are added to the peaks' own in turn, in their own: far peaks attract at first."""
+_WIDENINGS_CELLS = (1.5, 1.5, 1.0, 0.7, 0.4, 0.2, 0.1, 0.05) + (0.0,) * 5
+"""Standard deviations that are added to the peaks' own in turn: from afar all attract."""
 _ANYTHING_M, _ANYTHING_RAD = 10.0, 10.0
 
 
@@ -59,10 +59,9 @@ def refined(sighting: Sighting, evidence: KeypointEvidence, settings_M6: Array, 
         floor: whether both robots stand on one level floor, as exactly as `sighting` has it.
     """
     prior_6 = lean_precision(floor=floor)
-    typical_px = float(np.sqrt(np.median(evidence.variance_px2_GJ)))
     settings, damping = settings_M6.copy(), np.full(len(settings_M6), 1e-3)
-    for widening in _WIDENINGS_PX_PER_PX:
-        added_px2 = (widening * typical_px) ** 2
+    for widening in _WIDENINGS_CELLS:
+        added_px2 = (widening * evidence.cell_px) ** 2
         cost = _cost(sighting, evidence, settings, prior_6, added_px2)
         A, b, _ = _normal_equations(sighting, evidence, settings, prior_6, added_px2)
         scaled = A + (damping[:, None] * np.einsum("mii->mi", A))[:, None] * np.eye(6)

@@ -42,6 +42,7 @@ class SeenImage:
         cuboid_size_m: sides of robot 1's cuboid.
         box_px: (4,) around its visible pixels; None where there are none.
         plan_digest: of the floor plan.
+        T_c_o: (4, 4) the true pose of robot 1's cuboid in the camera; None where robot 1 is absent.
     """
 
     truth: ImageTruth
@@ -51,6 +52,7 @@ class SeenImage:
     cuboid_size_m: tuple[float, float, float]
     box_px: Array | None
     plan_digest: str
+    T_c_o: Array | None = None
 
     def pixels(self) -> Image:
         """(H, W, 3) uint8 red, green, blue.
@@ -160,6 +162,7 @@ def _seen(row: dict[str, Any], kind: str, image_id: str) -> SeenImage:
         cuboid_size_m=(*(float(side) for side in row["cuboid_size_m"]),),  # type: ignore[arg-type]
         box_px=row["box_px"],
         plan_digest=row["plan_digest"],
+        T_c_o=T_c_o,
     )
 
 

@@ -1,0 +1,135 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from pipeline.errors import ConfigError
+from pipeline.geometry.se2 import SE2, Array
+from pipeline.pose_estimation.cuboid_pose import Reading
+from pipeline.pose_estimation.keypoint_evidence import KeypointNoise
+from pipeline.pose_estimation.pose_calibration import PoseCalibration
+from pipeline.pose_estimation.pose_calibration_fit import (
+    ReadImage,
+    SeenPeaks,
+    fitted,
+    likeliest_noise,
+    with_score,
+    with_sharpness,
+)
+from tests.pose_estimation.sightings import seen_points, setting, shaken, sighting
+
+
+def reading(
+    T_r0_r1: SE2, *, covariance: Array | None = None, log_evidence: float = 0.0, explained: float = 0.8
+) -> Reading:
+    return Reading(
+        T_r0_r1=T_r0_r1,
+        covariance=np.diag([1e-6, 1e-6, 1e-6]) if covariance is None else covariance,
+        T_c_o=np.eye(4),
+        log_evidence=log_evidence,
+        explained=explained,
+        gain=60.0 * explained,
+    )
+
+
+def images(rng: np.random.Generator, calibration: PoseCalibration, count: int) -> list[ReadImage]:
+    """Readings whose errors are as the calibration has them, normal; every fifth image without the robot."""
+    out = []
+    for number in range(count):
+        true = SE2(rng.uniform(0.5, 4.0), rng.uniform(-1.0, 1.0), rng.uniform(-3.0, 3.0))
+        covariance = np.diag(rng.uniform(0.3, 3.0) * np.array([2e-4, 1e-4, 3e-4]))
+        error = rng.multivariate_normal(np.zeros(3), calibration.covariance(covariance, true))
+        if number % 5:
+            read = reading(true @ SE2.from_array(error).inverse(), covariance=covariance,
+                           explained=rng.uniform(0.6, 0.95))  # fmt: skip
+            out.append(ReadImage(readings=(read,), T_r0_r1=true))
+        else:
+            read = reading(true, explained=rng.uniform(0.05, 0.5))
+            out.append(ReadImage(readings=(read,), T_r0_r1=None))
+    return out
+
+
+def test_the_spread_of_errors_is_found_again():
+    rng = np.random.default_rng(0)
+    true = PoseCalibration(scale=1.5, along_share=0.03, across_share=0.004, floor_m=0.004, floor_rad=0.03)
+    found = fitted(KeypointNoise(), images(rng, true, 500))
+    assert found.along_share == pytest.approx(0.03, rel=0.2)
+    assert found.across_share < 0.015
+    assert found.floor_rad == pytest.approx(0.03, rel=0.3)
+    distances = []
+    for image in images(rng, true, 1000):
+        if image.T_r0_r1 is not None:
+            (read,) = image.readings
+            error = (read.T_r0_r1.inverse() @ image.T_r0_r1).wrapped().as_array()
+            distances.append(error @ np.linalg.solve(found.covariance(read.covariance, read.T_r0_r1), error))
+    for level in (0.5, 0.9, 0.95):
+        assert np.mean(np.array(distances) <= chi2.ppf(level, 3)) == pytest.approx(level, abs=0.05)
+
+
+def test_what_is_added_along_the_sight_lies_along_it():
+    calibration = PoseCalibration(along_share=0.1, across_share=0.0, floor_m=0.0, floor_rad=0.0)
+    # Robot 1 stands to the left and looks ahead: along the sight is its own y.
+    added = calibration.covariance(np.zeros((3, 3)), SE2(0.0, 2.0, 0.0))
+    assert added == pytest.approx(np.diag([0.0, 0.04, 0.0]), abs=1e-12)
+    turned = calibration.covariance(np.zeros((3, 3)), SE2(0.0, 2.0, np.pi / 2.0))
+    assert turned == pytest.approx(np.diag([0.04, 0.0, 0.0]), abs=1e-12)
+
+
+def test_few_images_without_a_robot_reach_the_least_score():
+    rng = np.random.default_rng(1)
+    found = with_score(PoseCalibration(), images(rng, PoseCalibration(), 400))
+    scores = [
+        (found.score(image.readings[0]) >= found.least_score, image.T_r0_r1 is not None)
+        for image in images(rng, PoseCalibration(), 400)
+    ]
+    assert np.mean([is_found for is_found, there in scores if not there]) <= 0.01
+    assert np.mean([is_found for is_found, there in scores if there]) >= 0.98
+
+
+def test_more_that_agrees_never_tells_against_a_robot():
+    rng = np.random.default_rng(2)
+    upside_down = [
+        ReadImage(readings=image.readings, T_r0_r1=None if image.T_r0_r1 else image.readings[0].T_r0_r1)
+        for image in images(rng, PoseCalibration(), 100)
+    ]
+    found = with_score(PoseCalibration(), upside_down)
+    assert found.of_explained >= 0.0
+    assert found.of_gain >= 0.0
+
+
+def test_readings_are_as_probable_as_they_are_right():
+    rng = np.random.default_rng(3)
+    right = []
+    for _ in range(1500):
+        true = SE2(rng.uniform(0.5, 3.0), 0.0, 0.0)
+        behind = true @ SE2(0.0, 0.0, np.pi)
+        told = rng.normal(0.0, 8.0)
+        # What is told is four times too sure.
+        truth = true if rng.random() < 1.0 / (1.0 + np.exp(-told / 4.0)) else behind
+        pair = sorted([reading(true, log_evidence=told), reading(behind)], key=lambda one: -one.log_evidence)
+        right.append(ReadImage(readings=tuple(pair), T_r0_r1=truth))
+    assert with_sharpness(PoseCalibration(), right).sharpness == pytest.approx(0.25, rel=0.3)
+    assert PoseCalibration(sharpness=0.5).masses([0.0, -2.0]) == pytest.approx([0.731, 0.269], abs=1e-3)
+
+
+@pytest.mark.parametrize("cells", [0.08, 0.3])
+def test_the_noise_of_peaks_is_found_again(cells):
+    rng, before = np.random.default_rng(4), sighting()
+    looks = []
+    for _ in range(40):
+        uv_px = before.project(setting(rng)[None])[0]
+        found = seen_points(shaken(rng, uv_px, cells=cells))
+        looks.append(SeenPeaks(look=found.look, peaks=found.peaks, uv_px=uv_px))
+    assert likeliest_noise(looks, sigma_cells=1.0).floor_cells == pytest.approx(cells, rel=0.2)
+
+
+def test_a_calibration_is_kept_as_numbers():
+    calibration = PoseCalibration(along_share=0.01, sharpness=0.3, least_score=0.7)
+    assert PoseCalibration.from_dict(calibration.as_dict()) == calibration
+    with pytest.raises(ConfigError, match="must hold numbers"):
+        PoseCalibration.from_dict({**calibration.as_dict(), "bias": "high"})
+    with pytest.raises(ConfigError, match="must hold numbers"):
+        PoseCalibration.from_dict({"bias": 1.0})
+    with pytest.raises(ConfigError, match="least_score"):
+        PoseCalibration.from_dict({**calibration.as_dict(), "least_score": 1.5})
