@@ -102,3 +102,17 @@ def export_bop(
         console=Console(stderr=True),
     )
     print(made.summary())
+
+
+@export_app.command("sighting")
+def export_sighting(
+    out: Annotated[Path, typer.Option("--out", help="Folder to write to.")],
+    pair: Annotated[
+        str | None, typer.Option("--pair", help="Its pair_id; the first of the test split by default.")
+    ] = None,
+    folder: Dataset = "data/dataset",
+) -> None:
+    """Write a pair as files that `rendezvous fuse` takes, and print the command that fuses them."""
+    from pipeline.stages.export_sighting import export_sighting as exported
+
+    print(exported(folder, pair, out))

@@ -21,7 +21,9 @@ MapLike = str | Path | OccupancyGrid
 ImageLike = str | Path | Image
 CameraLike = str | Path | CameraInfo | PinholeCamera
 
-_JPEG_END, _PNG_END = b"\xff\xd9", b"IEND"
+_ENDS = ((b"\xff\xd8", b"\xff\xd9"), (b"\x89PNG", b"IEND"))
+"""How JPEG and PNG files start and end; a little may follow."""
+_TAIL_BYTES = 1024
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -87,16 +89,14 @@ def _decoded(path: Path) -> Image:
         data = path.read_bytes()
     except OSError as error:
         raise CameraError(f"{path}: {(error.strerror or str(error)).lower()}; must be an image") from error
+    # OpenCV fills up what is missing of a JPEG that was cut short.
+    if any(data.startswith(start) and end not in data[-_TAIL_BYTES:] for start, end in _ENDS):
+        raise CameraError(f"{path}: the image is cut short after {len(data)} bytes; copy it again")
     image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR_RGB) if data else None
     if image is None:
         raise CameraError(
             f"{path}: {len(data)} bytes that are no image; must be PNG, JPEG or another that OpenCV reads"
         )
-    # OpenCV fills up what is missing of a file that was cut short.
-    if (data.startswith(b"\xff\xd8") and _JPEG_END not in data[-1024:]) or (
-        data.startswith(b"\x89PNG") and _PNG_END not in data[-1024:]
-    ):
-        raise CameraError(f"{path}: the image is cut short after {len(data)} bytes; copy it again")
     return np.asarray(image, np.uint8)
 
 
