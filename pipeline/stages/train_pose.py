@@ -12,7 +12,9 @@ from torch import Tensor
 from pipeline.config import TrainPoseSection
 from pipeline.engine import Run
 from pipeline.errors import ConfigError, StoreError
+from pipeline.stages.calibrate_pose import LEAST_ROWS, calibrate_pose
 from pipeline.stages.train_processes import joined_processes
+from pipeline.stages.train_record import WEIGHTS
 from pipeline.stages.training_run import about_run, begin_in_place, budget_of, fit_and_record, tell
 from pipeline.store.disk import Disk
 from pipeline.training.loop import TrainingState
@@ -24,7 +26,7 @@ from pipeline.training.processes import Processes
 
 
 def train_pose(run: Run, *, out: Path | None = None, resume: bool = False) -> Path:
-    """Train the network until its budget is spent.
+    """Train the network until its budget is spent; fit its confidence to the validation images then.
 
     Args:
         run: the `train_pose` section, where the data lies, and how many cores to use.
@@ -63,7 +65,21 @@ def train_pose(run: Run, *, out: Path | None = None, resume: bool = False) -> Pa
         batches = _batches(run, train, processes)
         measured = _validation(run, validation, processes)
         fit_and_record(run, section, state, budget, batches, measured, about, folder, processes)
+    if processes.first:
+        _calibrate(run, len(validation), folder)
     return folder
+
+
+def _calibrate(run: Run, validation_rows: int, folder: Path) -> None:
+    """Fit the confidence where enough robots are found; a short run need not get there."""
+    if validation_rows < LEAST_ROWS:
+        run.say(f"calibrate: left out, {validation_rows} validation images; it takes {LEAST_ROWS}")
+        return
+    weights, dataset = folder / WEIGHTS, run.folder("pack")
+    try:
+        calibrate_pose(weights, dataset, seed=run.config.seed, threads=run.workers, console=run.console)
+    except ConfigError as error:
+        run.say(f"calibrate: left out, {error}")
 
 
 def _fresh_model(section: TrainPoseSection, *, seed: int) -> PoseModel:

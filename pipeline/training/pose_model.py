@@ -28,6 +28,8 @@ class PoseModel(TrainableModel[PoseBatch]):
     def __init__(self, network: RelativePoseNet) -> None:
         super().__init__()
         self.network = network
+        # As the input comes, which halves a step's time on a CPU.
+        network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
 
     def config(self) -> dict[str, Any]:
         """Of the network."""

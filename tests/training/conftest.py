@@ -10,6 +10,7 @@ import torch
 from pipeline.stages.pack import pack
 from pipeline.store.read import StageReader
 from pipeline.training.pairs import PairTable, read_pairs
+from pipeline.training.poses import PoseTable, read_poses
 from tests.synthetic_dataset import explored, synthetic_run
 
 SHARES = ("pack.validation_fraction=0.1", "pack.test_fraction=0.1")
@@ -35,3 +36,9 @@ def published(tmp_path_factory) -> Path:
 def pairs(published: Path) -> PairTable:
     """The training split."""
     return read_pairs(StageReader(str(published / "dataset"), "pack"), "train")
+
+
+@pytest.fixture(scope="session")
+def poses(published: Path) -> PoseTable:
+    """The training split of the images of the robot."""
+    return read_poses(StageReader(str(published / "dataset"), "pack"), "train")

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from typing import Any
 
+import pytest
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
@@ -54,3 +56,8 @@ class Losses:
         self.losses.append(step.loss)
         if len(self.losses) == self._killed_after:
             raise KeyboardInterrupt
+
+
+def killed_by(error: type[BaseException], *, when: bool):
+    """Expects a run to be killed, if it shall be."""
+    return pytest.raises(error) if when else nullcontext()
