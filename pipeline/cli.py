@@ -25,7 +25,7 @@ from pipeline.cli_options import (
     choice,
     make_run,
 )
-from pipeline.cli_train import calibrate, train, train_pose
+from pipeline.cli_train import calibrate, calibrate_pose, train, train_pose
 from pipeline.errors import PipelineError
 
 if TYPE_CHECKING:
@@ -94,6 +94,7 @@ _stage_command("dataset", "All of the above, in order.")
 app.command()(train)
 app.command()(train_pose)
 app.command()(calibrate)
+app.command()(calibrate_pose)
 app.command()(fuse)
 app.command()(evaluate_pose)
 app.command()(evaluate)

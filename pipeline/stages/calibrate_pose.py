@@ -149,8 +149,8 @@ def _true_points(image: SeenImage, sighting: Sighting, detection: Detection) -> 
 def _told(calibration: PoseCalibration, images: int, found: int) -> str:
     return (
         f"calibrate: on {images} validation images, the robot found in {found}: peaks to "
-        f"{calibration.peak_floor_cells:.3f} cells; added along the sight "
-        f"{100.0 * calibration.along_share:.2f} % and across {100.0 * calibration.across_share:.2f} % of the distance, "
+        f"{calibration.peak_floor_cells:.3f} cells; added {100.0 * calibration.along_share:.2f} % of the "
+        f"distance along the sight, {100.0 * calibration.across_share:.2f} % across, "
         f"{1e3 * calibration.floor_m:.1f} mm, {np.degrees(calibration.floor_rad):.2f} deg; sharpness "
         f"{calibration.sharpness:.2f}; found from score {calibration.least_score:.3f} on"
     )
