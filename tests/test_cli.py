@@ -18,7 +18,7 @@ from tests.conftest import ROOT
 from tests.toy_stage import folder_content
 
 STAGES = ("floorplans", "meshes", "explore", "render", "pack", "dataset")
-COMMANDS = (*STAGES, "train", "evaluate", "verify", "inspect", "export")
+COMMANDS = (*STAGES, "train", "evaluate", "fuse", "verify", "inspect", "export")
 
 
 def command(*arguments: str) -> list[str]:

@@ -14,7 +14,13 @@ from pipeline.fusion.merge import merged
 from pipeline.fusion.prior import FrameErrorPrior, frame_error_prior
 from pipeline.fusion.refinement import Refined, Refiner, refined
 from pipeline.fusion.sighted_pose import SightedPose
-from pipeline.fusion.verdict import Verdict, alignment_doubts, refinement_doubts, sighting_doubts
+from pipeline.fusion.verdict import (
+    Verdict,
+    alignment_doubts,
+    pose_doubts,
+    refinement_doubts,
+    sighting_doubts,
+)
 from pipeline.geometry.occupancy_grid import OccupancyGrid, overlap
 from pipeline.geometry.se2 import SE2, Array
 
@@ -83,7 +89,7 @@ def fuse_maps(
     with part("check"):
         before, after = (map_agreement(meeting.grid_0, meeting.grid_1, T) for T in (T_initial, T_m0_m1))
         covariance = _covariance(found, prior)
-        doubts = sighting_doubts(sighting, refined=theta is not None)
+        doubts = pose_doubts(meeting) + sighting_doubts(sighting, refined=theta is not None)
         if found:
             doubts += refinement_doubts(found, prior, (before, after))
         doubts += alignment_doubts(covariance, after)

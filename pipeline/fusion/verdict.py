@@ -9,10 +9,15 @@ import numpy as np
 
 from pipeline.alignment.estimate import WRONG_M, WRONG_RAD, Estimate
 from pipeline.fusion.agreement import MapAgreement
+from pipeline.fusion.meeting import Meeting
 from pipeline.fusion.prior import FrameErrorPrior
 from pipeline.fusion.refinement import Refined
 from pipeline.fusion.sighted_pose import SightedPose
+from pipeline.geometry.occupancy_grid import UNKNOWN
 from pipeline.geometry.se2 import Array
+
+AROUND_ROBOT_M = 0.25
+"""A map knows something so close to its robot: the floor that it stands on."""
 
 LEAST_SCORE = 0.5
 """Detections that score less are as likely something else: the score is fitted to be a probability."""
@@ -57,6 +62,22 @@ class Verdict:
 
     def __str__(self) -> str:
         return "accepted" if self.accepted else f"uncertain: {'; '.join(self.reasons)}"
+
+
+def pose_doubts(meeting: Meeting) -> list[str]:
+    """What speaks against the robots' own poses: a robot's map knows the place where it stands."""
+    doubts = []
+    for number, (grid, T_m_r) in enumerate(
+        ((meeting.grid_0, meeting.T_m0_r0), (meeting.grid_1, meeting.T_m1_r1))
+    ):
+        side_m = np.arange(-AROUND_ROBOT_M, AROUND_ROBOT_M + 1e-9, 0.05)
+        around_m = np.stack(np.meshgrid(T_m_r.x_m + side_m, T_m_r.y_m + side_m), axis=-1)
+        if (grid.sample(around_m) == UNKNOWN).all():
+            doubts.append(
+                f"robot {number} stands at x {T_m_r.x_m:.2f} m, y {T_m_r.y_m:.2f} m, where map {number} "
+                "knows nothing: is the pose in the frame of that map?"
+            )
+    return doubts
 
 
 def sighting_doubts(sighting: SightedPose, *, refined: bool) -> list[str]:

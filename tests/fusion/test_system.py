@@ -179,6 +179,14 @@ def test_doubts_of_a_sighting_are_told():
     assert off(contradicted) == pytest.approx((0.0, 0.0), abs=1e-6)
 
 
+@pytest.mark.parametrize("number", [0, 1])
+def test_a_robot_that_stands_off_its_map_is_told(number: int):
+    elsewhere = replace(meeting(), **{f"T_m{number}_r{number}": SE2(-60.0, 3.0, 0.0)})
+    told = str(fuse_maps(elsewhere, SightedPose.given(T_R0_R1, FINE), None).verdict)
+    assert f"robot {number} stands at x -60.00 m, y 3.00 m, where map {number} knows nothing" in told
+    assert told.count("knows nothing") == 1
+
+
 def test_maps_that_share_nothing_are_told():
     apart = replace(meeting(), T_m0_r0=SE2(60.0, 0.0, 0.0))
     result = fuse_maps(apart, SightedPose.given(T_R0_R1, FINE), None)
