@@ -27,7 +27,7 @@ from pipeline.pose_estimation.pose_calibration import PoseCalibration, score_fea
 SAME_M, SAME_SHARE = 0.3, 0.15
 """A reading is of the robot itself if it is no farther from it than one of these, the latter of the
 distance."""
-SAME_READING_RAD = 0.5
+SAME_READING_RAD = 0.25 * np.pi
 """A reading whose heading is wrong by more took one side of the robot for another."""
 FALSE_SHARE = 0.005
 """Of images without the robot, in which one may be found: half of what is called for, for few tell it."""

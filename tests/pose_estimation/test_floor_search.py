@@ -1,0 +1,32 @@
+from __future__ import annotations
+
+import numpy as np
+
+from pipeline.pose_estimation.floor_search import floor_poses, same_place
+from tests.pose_estimation.sightings import Seen, seen_points, setting, sighting
+
+
+def searched(found: Seen) -> np.ndarray:
+    return floor_poses(sighting(), found.look, found.belief_9hw, found.peaks)
+
+
+def test_the_true_pose_is_among_the_first_that_are_tried():
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        true = setting(rng)
+        settings = searched(seen_points(sighting().project(true[None])[0]))
+        assert same_place(settings[:4], true, 0.1, 0.2).any()
+
+
+def test_a_robot_that_hangs_in_the_air_is_not_sought_where_it_is():
+    # 0.4 m above the floor: as seen by a camera that stands 0.4 m lower.
+    true = np.array([1.5, 0.0, 1.0, 0.0, 0.0, 0.0])
+    hanging = sighting().project(true[None] - [[0.0, 0.0, 0.0, 0.4, 0.0, 0.0]])[0]
+    assert not same_place(searched(seen_points(hanging)), true, 0.1, np.pi).any()
+
+
+def test_poses_that_are_tried_are_apart():
+    settings = searched(seen_points(sighting().project(np.array([[1.5, 0.2, 1.0, 0.0, 0.0, 0.0]]))[0]))
+    assert 2 <= len(settings) <= 12
+    for k, one in enumerate(settings):
+        assert same_place(settings, one, 0.05, 0.1).sum() == 1, k
