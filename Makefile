@@ -33,8 +33,8 @@ train-pose: $(READY)  ## train the relative-pose network on DATA/dataset, about 
 inspect: $(READY)  ## draw contact sheets of DATA/dataset to report/
 	$(RENDEZVOUS) inspect $(DATA)/dataset
 
-evaluate: $(READY)  ## measure estimators of the frame error on DATA/dataset, report to report/index.html
-	$(RENDEZVOUS) evaluate --data $(DATA) $(if $(WORKERS),--workers $(WORKERS))
+evaluate: $(READY)  ## measure relative pose, frame error and fusion on DATA/dataset, report to report/index.html
+	$(RENDEZVOUS) evaluate-all --data $(DATA) $(if $(WORKERS),--workers $(WORKERS))
 
 test: $(READY)  ## all tests
 	$(VENV)/bin/python -m pytest

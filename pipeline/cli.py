@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from pipeline.cli_evaluate import evaluate, evaluate_pose
+from pipeline.cli_evaluate import evaluate, evaluate_all, evaluate_fusion, evaluate_pose
 from pipeline.cli_export import export_app
 from pipeline.cli_fuse import fuse
 from pipeline.cli_options import (
@@ -98,6 +98,8 @@ app.command()(calibrate_pose)
 app.command()(fuse)
 app.command()(evaluate_pose)
 app.command()(evaluate)
+app.command()(evaluate_fusion)
+app.command()(evaluate_all)
 
 
 @app.command()

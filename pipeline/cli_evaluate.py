@@ -1,4 +1,4 @@
-"""Commands that measure: the relative pose on images, the frame error on maps."""
+"""Commands that measure: the relative pose on images, the frame error on maps, and both together."""
 
 from __future__ import annotations
 
@@ -111,6 +111,63 @@ def evaluate(
         )
     )
     print(page)
+
+
+def evaluate_fusion(
+    data: Data = "data",
+    split: Split = "test",
+    count: Annotated[
+        int | None, typer.Option("--count", min=1, help="At most so many rendezvous; all by default.")
+    ] = None,
+    methods: Annotated[
+        str, typer.Option("--methods", help="none,hough,orb,correlative,learned,auto; all by default.")
+    ] = "",
+    weights: PoseWeightsPath = None,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Of the draw of rendezvous.")] = 0,
+    folder: Report = Path("report"),
+    record: Record = False,
+    records: Records = None,
+    workers: Workers = CORES,
+) -> None:
+    """Measure the whole system, from one image and two maps to one map, and write the report."""
+    from pipeline.stages.evaluate_fusion import FUSION_RECORDS, FusionEvaluation
+    from pipeline.stages.evaluate_fusion import evaluate_fusion as evaluated
+
+    page = evaluated(
+        FusionEvaluation(
+            dataset=_dataset(data),
+            split=split,
+            count=count,
+            methods=_names(methods),
+            weights=weights,
+            seed=seed,
+            folder=folder,
+            workers=workers,
+            records=records or FUSION_RECORDS,
+            record=record,
+        )
+    )
+    print(page)
+
+
+def evaluate_all(
+    data: Data = "data",
+    split: Split = "test",
+    count: Annotated[
+        int | None, typer.Option("--count", min=1, help="At most so many pairs, and images.")
+    ] = None,
+    folder: Report = Path("report"),
+    workers: Workers = CORES,
+) -> None:
+    """Run all three evaluations, as far as there are images and weights for them, into one report."""
+    from pipeline.stages.evaluate_all import EveryEvaluation
+    from pipeline.stages.evaluate_all import evaluate_all as evaluated
+
+    print(
+        evaluated(
+            EveryEvaluation(dataset=_dataset(data), split=split, count=count, folder=folder, workers=workers)
+        )
+    )
 
 
 def _named_paths(option: str, given: list[str]) -> dict[str, Path]:

@@ -73,18 +73,18 @@ class Panel:
 
 def panels(pair: MapPair, sample: PerturbedPair, found: Mapping[str, Outcomes], index: int) -> list[Panel]:
     """Truth, input, and each method's correction of one pair, all in the axes of m0 and at one scale."""
-    T_m0_v, side_m = _view(pair)
+    T_m0_v, side_m = square_around(pair)
     theta = sample.theta_w
     out = [
         Panel(
             name="truth",
-            image=_overlay(pair, pair.T_m0_m1, T_m0_v, side_m),
+            image=overlay(pair, pair.T_m0_m1, T_m0_v, side_m),
             position_m=None,
             heading_rad=None,
         ),
         Panel(
             name="input",
-            image=_overlay(pair, sample.T_estimated, T_m0_v, side_m),
+            image=overlay(pair, sample.T_estimated, T_m0_v, side_m),
             position_m=float(np.hypot(theta.x_m, theta.y_m)),
             heading_rad=abs(theta.yaw_rad),
         ),
@@ -95,7 +95,7 @@ def panels(pair: MapPair, sample: PerturbedPair, found: Mapping[str, Outcomes], 
         out.append(
             Panel(
                 name=name,
-                image=_overlay(pair, T_hat, T_m0_v, side_m),
+                image=overlay(pair, T_hat, T_m0_v, side_m),
                 position_m=float(outcomes.position_m[index]),
                 heading_rad=float(outcomes.heading_rad[index]),
                 failed=row.theta_hat is None,
@@ -104,7 +104,7 @@ def panels(pair: MapPair, sample: PerturbedPair, found: Mapping[str, Outcomes], 
     return out
 
 
-def _view(pair: MapPair) -> tuple[SE2, float]:
+def square_around(pair: MapPair) -> tuple[SE2, float]:
     """Centre of the square that holds both maps as they truly lie, in m0, and its side [m]."""
     points_m = np.concatenate(
         [
@@ -117,7 +117,8 @@ def _view(pair: MapPair) -> tuple[SE2, float]:
     return SE2(float(x_m), float(y_m), 0.0), float((upper_m - lower_m).max()) + 2.0 * _MARGIN_M
 
 
-def _overlay(pair: MapPair, T_m0_m1: SE2, T_m0_v: SE2, side_m: float) -> Image:
+def overlay(pair: MapPair, T_m0_m1: SE2, T_m0_v: SE2, side_m: float) -> Image:
+    """(PANEL_PX, PANEL_PX, 3): both maps and robot 1 in a square of that side around v."""
     window = map_window(pair.grid_0, pair.grid_1, T_m0_m1, T_m0_v, cells=PANEL_PX, cell_m=side_m / PANEL_PX)
     canvas = Canvas(PANEL_PX, PANEL_PX)
     canvas.image[:] = _painted(window)

@@ -59,7 +59,7 @@ def headline_table(rows: Rows, measured: Sequence[str]) -> Html:
             *_tails(row.figures.target),
             _found(row.figures.overall),
             *_tails(row.figures.overall),
-            _share(row.figures.false_detections),
+            share_cell(row.figures.false_detections),
         ]
         for name, row in rows.items()
     ]
@@ -77,7 +77,7 @@ def group_table(name: str, groups: Mapping[str, PoseGroup]) -> Html:
             _found(group),
             *_medians(group),
             *_tails(group),
-            _share(group.confused),
+            share_cell(group.confused),
         ]
         for label, group in groups.items()
     ]
@@ -119,7 +119,7 @@ def coverage_table(rows: Rows, measured: Sequence[str]) -> Html:
     for name, row in rows.items():
         if (found := row.figures.coverage) is not None:
             mean = "∞" if found.nees_mean is None else f"{found.nees_mean:.2f}"
-            shares = [_share(share) for share in found.inside]
+            shares = [share_cell(share) for share in found.inside]
             medians = [Cell(main=f"{found.nees_median:.2f}"), Cell(main=mean)]
             body.append([variant_cell(name, row, measured), *shares, *medians])
     return table(header, body)
@@ -137,7 +137,7 @@ def window_table(rows: Rows, measured: Sequence[str]) -> Html:
         if (window := row.figures.window) is not None:
             offset = [Cell(main=f"{value:.2f}") for value in _quantiles(window.offset_m)]
             turn = [Cell(main=f"{math.degrees(value):.1f}") for value in _quantiles(window.turn_rad)]
-            inside = [_share(window.inside), _share(window.inside_by_any)]
+            inside = [share_cell(window.inside), share_cell(window.inside_by_any)]
             body.append([variant_cell(name, row, measured), *offset, *turn, *inside])
     return table(header, body)
 
@@ -169,10 +169,11 @@ def variant_cell(name: str, row: RecordedFigures[PoseSummary], measured: Sequenc
 
 
 def _found(group: PoseGroup) -> Cell:
-    return _share(group.detected)
+    return share_cell(group.detected)
 
 
-def _share(share: Share) -> Cell:
+def share_cell(share: Share) -> Cell:
+    """A share in percent, and its interval below."""
     if not share.of:
         return Cell(main=_DASH)
     interval = share.interval

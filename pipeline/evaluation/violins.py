@@ -40,11 +40,13 @@ class Component:
         unit: of its values, e.g. m or °.
         axis: the values between which it is drawn; None for all whiskers and a margin, zero in the middle
             of what has signs.
+        label: below the axis; by default that these are errors, and their unit.
     """
 
     name: str
     unit: str
     axis: tuple[float, float] | None = None
+    label: str = ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -133,7 +135,7 @@ def draw_violins(
         for row, (group, errors) in enumerate(zip(told, values, strict=True)):
             _draw_group(panel, row, errors, limits, group.colour)
         panel.axvline(0.0, color=rgb(MUTED), lw=0.8)
-        panel.set(xlim=limits, title=component.name, xlabel=f"error [{component.unit}]")
+        panel.set(xlim=limits, title=component.name, xlabel=component.label or f"error [{component.unit}]")
         panel.grid(visible=False, axis="y")
     panels[0].set_yticks(range(len(told)), [group.label for group in told], color=rgb(INK))
     panels[0].set_ylim(len(told) - 0.5, -0.5)

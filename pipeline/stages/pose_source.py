@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 from dataclasses import dataclass, replace
 from functools import cache
-from importlib import import_module
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -85,9 +84,10 @@ def _loaded(weights: PoseWeights, floor: bool) -> ImagePoseEstimator:
     _require_torch()
     import torch
 
+    from pipeline.stages.pose_weights import load_relative_pose
+
     torch.set_num_threads(1)
-    load = import_module("pipeline.stages.pose_weights").load_relative_pose
-    return replace(load(_bytes(weights.path), where=str(weights.path)), floor=floor)
+    return replace(load_relative_pose(_bytes(weights.path), where=str(weights.path)), floor=floor)
 
 
 def _require_torch() -> None:

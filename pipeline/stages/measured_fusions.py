@@ -1,0 +1,156 @@
+"""What the whole system makes of rendezvous: image and maps in, fused maps out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cache, partial
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+from pipeline.alignment.window import DEFAULT_SEARCH, SearchRange
+from pipeline.baselines.hough import HoughSpectrum
+from pipeline.baselines.orb import OrbRansac
+from pipeline.evaluation.fusion_runs import METHODS, NONE, RendezvousOutcome, run_rendezvous
+from pipeline.fusion.prior import FrameErrorPrior
+from pipeline.fusion.refinement import Refiner, correlative_refiner, matcher_refiner
+from pipeline.stages.estimators import Method, trained
+from pipeline.stages.measured_poses import POSE_CODE, POSE_PACKAGES
+from pipeline.stages.measuring import Measurement, code_digest, measured
+from pipeline.stages.pose_source import PoseSource
+from pipeline.stages.provenance import versions
+from pipeline.stages.seen_images import SeenImage, digest_of_images
+from pipeline.store.disk import Disk
+from pipeline.training.pairs import MapPair
+
+CACHE = "fusion"
+LEARNED = ("learned", "auto")
+"""Methods that need the matcher."""
+
+_ROOMS = (*POSE_CODE, "alignment", "baselines", "fusion", "training")
+_FILES = (
+    "evaluation/fusion_runs.py",
+    "stages/estimators.py",
+    "stages/measured_fusions.py",
+    "stages/pose_source.py",
+    "stages/pose_weights.py",
+    "stages/seen_images.py",
+    "stages/trained_estimators.py",
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FusionCase:
+    """A rendezvous: both maps, and what robot 0 saw."""
+
+    pair: MapPair
+    image: SeenImage
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FusionSetup:
+    """What is run on every rendezvous; can be pickled.
+
+    Attributes:
+        source: of the relative pose.
+        methods: of `METHODS`.
+        matcher: with weights; None where no method needs it.
+    """
+
+    source: PoseSource
+    methods: tuple[str, ...] = METHODS
+    matcher: Method | None = field(default=None)
+
+    def refiners(self) -> dict[str, Refiner | None]:
+        """By method."""
+        simple: dict[str, Refiner | None] = {
+            NONE: None,
+            "hough": _hough,
+            "orb": _orb,
+            "correlative": correlative_refiner,
+        }
+        chosen = {name: refiner for name, refiner in simple.items() if name in self.methods}
+        if self.matcher is not None:
+            matcher = _matcher(self.matcher)
+            chosen |= {
+                name: matcher_refiner(matcher, with_prior=name == "auto")
+                for name in LEARNED
+                if name in self.methods
+            }
+        return chosen
+
+
+def measured_fusions(
+    setup: FusionSetup,
+    cases: Sequence[FusionCase],
+    *,
+    data_digest: str,
+    folder: Path,
+    workers: int,
+    console: Console,
+) -> tuple[RendezvousOutcome, ...]:
+    """What becomes of each rendezvous; from the cache, if nothing that it depends on has changed.
+
+    Args:
+        setup: what to run.
+        cases: at least one.
+        data_digest: of the maps.
+        folder: of the report.
+        workers: processes; a single one is this one.
+        console: where to tell.
+    """
+    measurement = Measurement(
+        command="evaluate-fusion",
+        name="rendezvous",
+        items_name="pairs",
+        measure=partial(_measure, setup),
+        from_json=RendezvousOutcome.from_json,
+        key=_key(setup, cases, data_digest),
+    )
+    cache_folder = Disk(str(folder / CACHE))
+    return measured(measurement, cases, cache=cache_folder, workers=workers, console=console)
+
+
+def run_case(setup: FusionSetup, case: FusionCase) -> RendezvousOutcome:
+    """Every run of one rendezvous."""
+    estimator = setup.source.estimator(floor=True)
+    image = case.image
+    assert image.truth.T_r0_r1 is not None
+    pose = estimator(image.pixels(), image.camera, image.T_r0_c)
+    return run_rendezvous(case.pair, image.truth.T_r0_r1, pose, setup.refiners())
+
+
+def _measure(setup: FusionSetup, cases: Sequence[FusionCase]) -> list[RendezvousOutcome]:
+    # Once untimed: compiled code is loaded at the first call.
+    run_case(setup, cases[0])
+    return [run_case(setup, case) for case in cases]
+
+
+def _key(setup: FusionSetup, cases: Sequence[FusionCase], data_digest: str) -> Mapping[str, Any]:
+    return {
+        "weights": setup.source.digest,
+        "matcher": setup.matcher.weights_digest() if setup.matcher else "",
+        "methods": list(setup.methods),
+        "pairs": [case.pair.pair_id for case in cases],
+        "images": digest_of_images([case.image for case in cases]),
+        "maps": data_digest,
+        "code": code_digest(_ROOMS, _FILES),
+        "packages": versions(POSE_PACKAGES),
+    }
+
+
+def _hough(prior: FrameErrorPrior | None) -> tuple[HoughSpectrum, SearchRange]:
+    """Over the whole default search: it has no use for a prior."""
+    return HoughSpectrum(search=DEFAULT_SEARCH), DEFAULT_SEARCH
+
+
+def _orb(prior: FrameErrorPrior | None) -> tuple[OrbRansac, SearchRange]:
+    """Wherever features match."""
+    return OrbRansac(), DEFAULT_SEARCH
+
+
+@cache
+def _matcher(method: Method) -> Any:
+    return trained(method, threads=1).estimator

@@ -1,0 +1,61 @@
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pipeline.evaluation.paper_scenario import PAPER_OVERLAP, nearest_scenario, scenario
+from pipeline.geometry.se2 import SE2
+from pipeline.geometry.wall_agreement import wall_agreement
+from tests.evaluation.toy_pairs import toy_pair
+
+
+@pytest.fixture(scope="module")
+def pair():
+    return toy_pair(0)
+
+
+def test_maps_frames_and_sizes_are_those_of_the_paper(pair):
+    found = scenario(pair)
+    assert found.T_m0_m1 == SE2(6.0, -5.8, math.pi)
+    for grid in (found.grid_0, found.grid_1):
+        assert grid.cells.shape == (384, 384)
+        assert grid.resolution_m == 0.05
+        assert grid.T_m_g.yaw_rad == 0.0
+
+
+def test_the_maps_lie_on_each_other_as_before(pair):
+    found = scenario(pair)
+    assert found.overlap == pytest.approx(pair.overlap, abs=0.02)
+    before = wall_agreement(pair.grid_0, pair.grid_1, pair.T_m0_m1).share
+    assert wall_agreement(found.grid_0, found.grid_1, found.T_m0_m1).share == pytest.approx(before, abs=0.05)
+
+
+def test_the_robots_meet_where_they_met(pair):
+    found = scenario(pair)
+    assert found.T_m0_r1.as_array()[:2] == pytest.approx(pair.T_m0_r1.as_array()[:2])
+    turn = math.remainder(found.T_m0_r1.yaw_rad - pair.T_m0_r1.yaw_rad, 2.0 * math.pi)
+    assert turn == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_map_that_lies_straight_keeps_its_cells(pair):
+    found = scenario(pair)
+    values, counts = np.unique(found.grid_0.cells[found.grid_0.known()], return_counts=True)
+    before, counts_before = np.unique(pair.grid_0.cells[pair.grid_0.known()], return_counts=True)
+    assert values.tolist() == before.tolist()
+    assert counts.tolist() == counts_before.tolist()
+
+
+def test_a_map_that_does_not_fit_is_passed_over(pair):
+    large = replace(pair, grid_0=replace(pair.grid_0, resolution_m=0.2), overlap=PAPER_OVERLAP)
+    assert scenario(large) is None
+    assert nearest_scenario([large]) is None
+    assert nearest_scenario([large, pair]).pair_id == pair.pair_id
+
+
+def test_the_nearest_overlap_is_taken(pair):
+    near = replace(pair, pair_id="near", overlap=PAPER_OVERLAP + 0.01)
+    far = replace(pair, pair_id="far", overlap=PAPER_OVERLAP - 0.02)
+    assert nearest_scenario([far, near]).pair_id == "near"
