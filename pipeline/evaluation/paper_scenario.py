@@ -8,7 +8,6 @@ exactly that, and both maps are drawn on canvases of that size.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
@@ -22,12 +21,6 @@ PAPER_OVERLAP = 0.174
 T_M0_M1 = SE2(6.0, -5.8, math.pi)
 
 _SIDE_M = WINDOW_CELLS * WINDOW_CELL_M
-
-
-def nearest_scenario(pairs: Iterable[MapPair]) -> MapPair | None:
-    """Of the pairs whose maps fit, the one of most similar overlap, as the scenario; None if none fits."""
-    by_overlap = sorted(pairs, key=lambda pair: (abs(pair.overlap - PAPER_OVERLAP), pair.pair_id))
-    return next((found for pair in by_overlap if (found := scenario(pair)) is not None), None)
 
 
 def scenario(pair: MapPair) -> MapPair | None:

@@ -15,7 +15,7 @@ from pipeline.errors import ConfigError, StoreError
 from pipeline.evaluation.fusion_gallery import FusionShown, fusion_shown
 from pipeline.evaluation.fusion_runs import ESTIMATED, METHODS, RendezvousOutcome, Run, runs_of
 from pipeline.evaluation.fusion_summary import FusionFigures, FusionOutcomes, fusion_figures
-from pipeline.evaluation.paper_scenario import nearest_scenario
+from pipeline.evaluation.paper_scenario import PAPER_OVERLAP, scenario
 from pipeline.evaluation.recorded_figures import ImageConditions, RecordedFigures
 from pipeline.evaluation.report_fusion import FusionContent, chosen_rendezvous, fusion_part, run_name
 from pipeline.seeds import stream
@@ -24,6 +24,7 @@ from pipeline.stages.evaluate_pose import image_conditions, require_split
 from pipeline.stages.measured_fusions import (
     LEARNED,
     FusionCase,
+    FusionCases,
     FusionSetup,
     measured_fusions,
     run_case,
@@ -35,7 +36,7 @@ from pipeline.stages.report_folder import PAGE, keep_evaluation, kept_metrics
 from pipeline.stages.seen_images import SIGHTING, read_images
 from pipeline.store.disk import Disk
 from pipeline.store.read import StageReader
-from pipeline.training.pairs import PairTable, read_pairs
+from pipeline.training.pairs import read_pairs
 
 FUSION_RECORDS = ROOT / "assets" / "metrics" / "fusion"
 _PACKAGES = ("rendezvous-fusion", "numpy", "scipy", "opencv-python-headless", "numba", "torch", "pyarrow")
@@ -87,8 +88,7 @@ def evaluate_fusion(settings: FusionEvaluation) -> Path:
         SetupError: a package is missing.
     """
     require_split(settings.split)
-    pairs = read_pairs(StageReader(settings.dataset, "pack"), settings.split)
-    cases = _cases(pairs, settings)
+    cases = _cases(settings)
     # All that can be wrong with files shows here, and not after an hour of measuring.
     disk = Disk(str(settings.folder))
     kept_metrics(disk)
@@ -103,7 +103,6 @@ def evaluate_fusion(settings: FusionEvaluation) -> Path:
     outcomes = measured_fusions(
         setup,
         cases,
-        data_digest=pairs.digest(),
         folder=settings.folder,
         workers=settings.workers,
         console=settings.console,
@@ -115,16 +114,18 @@ def evaluate_fusion(settings: FusionEvaluation) -> Path:
     return settings.folder / PAGE
 
 
-def _cases(pairs: PairTable, settings: FusionEvaluation) -> list[FusionCase]:
+def _cases(settings: FusionEvaluation) -> FusionCases:
     """The rendezvous to measure: those whose image shows robot 1."""
-    images = read_images(StageReader(settings.dataset, "pack"), settings.split, kinds=(SIGHTING,))
+    reader = StageReader(settings.dataset, "pack")
+    pairs = read_pairs(reader, settings.split)
+    images = read_images(reader, settings.split, kinds=(SIGHTING,))
     by_id = {image.truth.image_id: image for image in images if image.truth.T_r0_r1 is not None}
     ids = pairs.table["pair_id"].to_pylist()
     order = stream(settings.seed, "evaluation", "pairs").permutation(len(pairs))
     drawn = sorted([int(index) for index in order if ids[index] in by_id][: settings.count])
     if not drawn:
         raise StoreError(f"{settings.dataset}: no image of split {settings.split} shows the other robot")
-    return [FusionCase(pair=pairs[index], image=by_id[ids[index]]) for index in drawn]
+    return FusionCases(pairs=pairs, indices=tuple(drawn), images=tuple(by_id[ids[index]] for index in drawn))
 
 
 def _setup(settings: FusionEvaluation) -> FusionSetup:
@@ -151,16 +152,13 @@ def _matcher() -> Method:
     return method
 
 
-def _conditions(
-    cases: Sequence[FusionCase], setup: FusionSetup, settings: FusionEvaluation
-) -> ImageConditions:
-    images = [case.image for case in cases]
+def _conditions(cases: FusionCases, setup: FusionSetup, settings: FusionEvaluation) -> ImageConditions:
     conditions = image_conditions(
-        images, settings.split, settings.seed, {"relative pose": setup.source}, settings.console
+        cases.images, settings.split, settings.seed, {"relative pose": setup.source}, settings.console
     )
     if setup.matcher is None:
         return conditions
-    plans = {image.truth.plan_id: image.plan_digest for image in images}
+    plans = {image.truth.plan_id: image.plan_digest for image in cases.images}
     conditions.weights["matcher"] = setup.matcher.weights_digest()
     known = plans_trained_on(trained(setup.matcher, threads=1).record, plans)
     conditions.trained_on["matcher"] = known
@@ -168,18 +166,17 @@ def _conditions(
 
 
 def _content(
-    cases: Sequence[FusionCase],
+    cases: FusionCases,
     setup: FusionSetup,
     conditions: ImageConditions,
     outcomes: Sequence[RendezvousOutcome],
     recorded: FiguresFolder[FusionFigures],
     settings: FusionEvaluation,
 ) -> FusionContent:
-    overlap = np.array([case.pair.overlap for case in cases])
     found = {run: FusionOutcomes.of(outcomes, run) for run in runs_of(setup.methods)}
     rows = recorded.of_split(settings.split) | {
         run_name(run): RecordedFigures(
-            name=run_name(run), conditions=conditions, figures=fusion_figures(outcome, overlap)
+            name=run_name(run), conditions=conditions, figures=fusion_figures(outcome, cases.overlap)
         )
         for run, outcome in found.items()
     }
@@ -187,7 +184,7 @@ def _content(
     return FusionContent(
         conditions=conditions,
         found=found,
-        overlap=overlap,
+        overlap=cases.overlap,
         rows={name: rows[name] for name in every_run if name in rows},
         gallery=_gallery(cases, outcomes, found),
         scenario=_scenario(cases, setup),
@@ -197,7 +194,7 @@ def _content(
 
 
 def _gallery(
-    cases: Sequence[FusionCase],
+    cases: FusionCases,
     outcomes: Sequence[RendezvousOutcome],
     found: Mapping[Run, FusionOutcomes],
 ) -> list[FusionShown]:
@@ -207,13 +204,14 @@ def _gallery(
     ]
 
 
-def _scenario(cases: Sequence[FusionCase], setup: FusionSetup) -> FusionShown | None:
+def _scenario(cases: FusionCases, setup: FusionSetup) -> FusionShown | None:
     """The paper's scenario, on the pair that comes nearest to it."""
-    pair = nearest_scenario(case.pair for case in cases)
+    nearest = np.argsort(np.abs(cases.overlap - PAPER_OVERLAP), kind="stable")
+    found = ((number, scenario(cases[int(number)].pair)) for number in nearest)
+    number, pair = next(((n, pair) for n, pair in found if pair is not None), (0, None))
     if pair is None:
         return None
-    image = next(case.image for case in cases if case.pair.pair_id == pair.pair_id)
-    outcome = run_case(setup, FusionCase(pair=pair, image=image))
+    outcome = run_case(setup, FusionCase(pair=pair, image=cases.images[number]))
     drawn = [run for run in runs_of(setup.methods) if run[0] == ESTIMATED]
     return fusion_shown("paper's scenario", pair, outcome, drawn)
 

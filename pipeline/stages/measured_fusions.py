@@ -16,6 +16,7 @@ from pipeline.baselines.orb import OrbRansac
 from pipeline.evaluation.fusion_runs import METHODS, NONE, RendezvousOutcome, run_rendezvous
 from pipeline.fusion.prior import FrameErrorPrior
 from pipeline.fusion.refinement import Refiner, correlative_refiner, matcher_refiner
+from pipeline.geometry.se2 import Array
 from pipeline.stages.estimators import Method, trained
 from pipeline.stages.measured_poses import POSE_CODE, POSE_PACKAGES
 from pipeline.stages.measuring import Measurement, code_digest, measured
@@ -23,7 +24,7 @@ from pipeline.stages.pose_source import PoseSource
 from pipeline.stages.provenance import versions
 from pipeline.stages.seen_images import SeenImage, digest_of_images
 from pipeline.store.disk import Disk
-from pipeline.training.pairs import MapPair
+from pipeline.training.pairs import MapPair, PairTable
 
 CACHE = "fusion"
 LEARNED = ("learned", "auto")
@@ -47,6 +48,33 @@ class FusionCase:
 
     pair: MapPair
     image: SeenImage
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FusionCases:
+    """The rendezvous of one evaluation; maps are decoded when they are asked for.
+
+    Attributes:
+        pairs: of maps.
+        indices: which of them.
+        images: one of each.
+    """
+
+    pairs: PairTable
+    indices: tuple[int, ...]
+    images: tuple[SeenImage, ...]
+
+    def __len__(self) -> int:
+        return len(self.indices)
+
+    def __getitem__(self, number: int) -> FusionCase:
+        return FusionCase(pair=self.pairs[self.indices[number]], image=self.images[number])
+
+    @property
+    def overlap(self) -> Array:
+        """(N,) of the maps."""
+        chosen: Array = self.pairs.overlap[list(self.indices)]
+        return chosen
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -84,9 +112,8 @@ class FusionSetup:
 
 def measured_fusions(
     setup: FusionSetup,
-    cases: Sequence[FusionCase],
+    cases: FusionCases,
     *,
-    data_digest: str,
     folder: Path,
     workers: int,
     console: Console,
@@ -96,7 +123,6 @@ def measured_fusions(
     Args:
         setup: what to run.
         cases: at least one.
-        data_digest: of the maps.
         folder: of the report.
         workers: processes; a single one is this one.
         console: where to tell.
@@ -107,7 +133,7 @@ def measured_fusions(
         items_name="pairs",
         measure=partial(_measure, setup),
         from_json=RendezvousOutcome.from_json,
-        key=_key(setup, cases, data_digest),
+        key=_key(setup, cases),
     )
     cache_folder = Disk(str(folder / CACHE))
     return measured(measurement, cases, cache=cache_folder, workers=workers, console=console)
@@ -128,14 +154,13 @@ def _measure(setup: FusionSetup, cases: Sequence[FusionCase]) -> list[Rendezvous
     return [run_case(setup, case) for case in cases]
 
 
-def _key(setup: FusionSetup, cases: Sequence[FusionCase], data_digest: str) -> Mapping[str, Any]:
+def _key(setup: FusionSetup, cases: FusionCases) -> Mapping[str, Any]:
     return {
         "weights": setup.source.digest,
         "matcher": setup.matcher.weights_digest() if setup.matcher else "",
         "methods": list(setup.methods),
-        "pairs": [case.pair.pair_id for case in cases],
-        "images": digest_of_images([case.image for case in cases]),
-        "maps": data_digest,
+        "images": digest_of_images(cases.images),
+        "maps": cases.pairs.digest(),
         "code": code_digest(_ROOMS, _FILES),
         "packages": versions(POSE_PACKAGES),
     }

@@ -1,28 +1,25 @@
-"""Run estimators over pairs: in worker processes or in this one, and never twice over the same."""
+"""What becomes of pairs under estimators of the frame error."""
 
 from __future__ import annotations
 
-import json
-import math
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
-from importlib import metadata
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
 from rich.console import Console
 
-import pipeline
 from pipeline.alignment.estimate import FrameErrorEstimator
 from pipeline.alignment.window import MapWindow
 from pipeline.evaluation.estimates import Outcome, Outcomes, outcome
-from pipeline.pool import Call, Engine, run_calls
-from pipeline.progress import meter
+from pipeline.stages import measuring
 from pipeline.stages.estimators import Method, baseline
+from pipeline.stages.measuring import Measurement, code_digest
+from pipeline.stages.provenance import versions
 from pipeline.store.disk import Disk
-from pipeline.store.records import digest_of, json_bytes
+from pipeline.store.records import json_bytes
 from pipeline.training.pairs import MapPair, PairTable
 from pipeline.training.perturbation import (
     Perturbation,
@@ -32,8 +29,6 @@ from pipeline.training.perturbation import (
 )
 
 CACHE = "frame_error"
-_PAIRS_PER_CALL = 16
-_CODE = Path(pipeline.__path__[0])
 _ROOMS = ("geometry", "alignment", "training")
 _FILES = (
     "evaluation/estimates.py",
@@ -43,8 +38,7 @@ _FILES = (
 )
 _PACKAGES = ("numpy", "scipy", "opencv-python-headless", "numba")
 """What outcomes depend on, beside the method's own room."""
-Numbered = tuple[int, tuple[Outcome, ...]]
-"""Outcomes of neighbouring pairs, and the number of the first."""
+Sample = tuple[MapPair, Perturbation]
 
 
 @runtime_checkable
@@ -73,7 +67,10 @@ class Trial:
             perturbations=tuple(evaluation_perturbation(name, range_, seed=seed) for name in pair_ids),
         )
 
-    def __getitem__(self, number: int) -> tuple[MapPair, Perturbation]:
+    def __len__(self) -> int:
+        return len(self.indices)
+
+    def __getitem__(self, number: int) -> Sample:
         return self.pairs[self.indices[number]], self.perturbations[number]
 
     def column(self, name: str) -> list[Any]:
@@ -108,65 +105,47 @@ def measured(
         workers: processes; a single one is this one.
         console: where to tell.
     """
-    key = cache_key(method, trial, workers=workers)
-    disk, name = Disk(str(folder / CACHE)), f"{method.name}-{key[:16]}.json"
-    if (kept := _kept(disk, name)) is not None:
-        console.print(f"evaluate {method.name}: {len(kept)} pairs, as measured before", highlight=False)
-        return kept
-    outcomes = _run(method, estimator, trial, workers, console)
-    disk.write(name, json_bytes({"rows": [row.to_json() for row in outcomes.rows]}))
-    return outcomes
+    rows = measuring.measured(
+        measurement(method, estimator, trial),
+        trial,
+        cache=Disk(str(folder / CACHE)),
+        workers=workers,
+        console=console,
+    )
+    return Outcomes(rows)
 
 
-def cache_key(method: Method, trial: Trial, *, workers: int) -> str:
-    """Digest of all that outcomes depend on, the time that they take included."""
+def measurement(
+    method: Method, estimator: FrameErrorEstimator | None, trial: Trial
+) -> Measurement[Sample, Outcome]:
+    """What is done with each pair, and all that it depends on."""
     packages = (*_PACKAGES, "torch") if method.learned else _PACKAGES
-    return digest_of(
-        {
+    return Measurement(
+        command="evaluate",
+        name=method.name,
+        items_name="pairs",
+        measure=partial(_measure, method, estimator),
+        from_json=Outcome.from_json,
+        in_this_process=estimator is not None,
+        key={
             "method": method.name,
             "search": asdict(method.search),
             "weights": method.weights_digest(),
-            "code": _code_digest("models" if method.learned else "baselines"),
-            "packages": {package: metadata.version(package) for package in packages},
-            "workers": workers,
+            "code": code_digest((*_ROOMS, "models" if method.learned else "baselines"), _FILES),
+            "packages": versions(packages),
             "data": trial.data_digest(),
             "drawn": trial.drawn(),
-        }
+        },
     )
 
 
-def _run(
-    method: Method, estimator: FrameErrorEstimator | None, trial: Trial, workers: int, console: Console
-) -> Outcomes:
-    engine = Engine.LOCAL if estimator is None and workers > 1 else Engine.INLINE
-    total = math.ceil(len(trial.indices) / _PAIRS_PER_CALL)
-    found: dict[int, tuple[Outcome, ...]] = {}
-    with meter(
-        f"evaluate {method.name}", total=total, console=console, parts="batches", rows="pairs"
-    ) as progress:
-        calls = _calls(method, estimator, trial)
-        for first, rows in run_calls(calls, engine=engine, workers=min(workers, total)):
-            found[first] = rows
-            progress.advance(len(rows), made=True)
-    return Outcomes(tuple(row for first in sorted(found) for row in found[first]))
-
-
-def _calls(method: Method, estimator: FrameErrorEstimator | None, trial: Trial) -> Iterator[Call[Numbered]]:
-    for first in range(0, len(trial.indices), _PAIRS_PER_CALL):
-        numbers = range(first, min(first + _PAIRS_PER_CALL, len(trial.indices)))
-        yield partial(_measure, first, method, estimator, tuple(trial[number] for number in numbers))
-
-
 def _measure(
-    first: int,
-    method: Method,
-    estimator: FrameErrorEstimator | None,
-    pairs: Sequence[tuple[MapPair, Perturbation]],
-) -> Numbered:
+    method: Method, estimator: FrameErrorEstimator | None, pairs: Sequence[Sample]
+) -> tuple[Outcome, ...]:
     estimator = estimator or baseline(method)
     # Once untimed: compiled code is loaded at the first call.
     estimator(perturbed_pair(*pairs[0]).window)
-    return first, tuple(_outcome(estimator, pair, perturbation) for pair, perturbation in pairs)
+    return tuple(_outcome(estimator, pair, perturbation) for pair, perturbation in pairs)
 
 
 def _outcome(estimator: FrameErrorEstimator, pair: MapPair, perturbation: Perturbation) -> Outcome:
@@ -183,24 +162,6 @@ def _outcome(estimator: FrameErrorEstimator, pair: MapPair, perturbation: Pertur
 def _finite(log_density: float) -> float:
     """A density of zero as the smallest that a double holds, so that a mean stays a number."""
     return max(float(log_density), -745.0)
-
-
-def _kept(disk: Disk, name: str) -> Outcomes | None:
-    if disk.size(name) is None:
-        return None
-    try:
-        return Outcomes(tuple(Outcome.from_json(row) for row in json.loads(disk.read(name))["rows"]))
-    except (ValueError, KeyError, TypeError):
-        return None
-
-
-def _code_digest(room: str) -> str:
-    """Of the source of a method's room and of all that makes an outcome of what it finds."""
-    rooms = (path for each in (*_ROOMS, room) for path in (_CODE / each).glob("*.py"))
-    sources = [*(_CODE / name for name in _FILES), *rooms]
-    return digest_of(
-        {str(path.relative_to(_CODE)): path.read_text(encoding="utf-8") for path in sorted(sources)}
-    )
 
 
 def perturbation_json(drawn: Mapping[str, Mapping[str, Any]]) -> bytes:

@@ -30,6 +30,19 @@ class Kept(Protocol):
 
 
 Item = TypeVar("Item")
+ItemOut = TypeVar("ItemOut", covariant=True)
+
+
+class Items(Protocol[ItemOut]):
+    """Things that are counted, and read only when their turn comes."""
+
+    def __len__(self) -> int:
+        """How many."""
+
+    def __getitem__(self, number: int, /) -> ItemOut:
+        """One of them."""
+
+
 Outcome = TypeVar("Outcome", bound=Kept)
 
 
@@ -44,6 +57,7 @@ class Measurement(Generic[Item, Outcome]):
         measure: outcomes of some items, in their order; can be pickled.
         from_json: an outcome of the values that it was kept as.
         key: all that outcomes depend on, as JSON holds it.
+        in_this_process: where `measure` uses all cores itself, and cannot be pickled.
     """
 
     command: str
@@ -52,11 +66,12 @@ class Measurement(Generic[Item, Outcome]):
     measure: Callable[[Sequence[Item]], Sequence[Outcome]]
     from_json: Callable[[Mapping[str, Any]], Outcome]
     key: Mapping[str, Any]
+    in_this_process: bool = False
 
 
 def measured(
     measurement: Measurement[Item, Outcome],
-    items: Sequence[Item],
+    items: Items[Item],
     *,
     cache: Disk,
     workers: int,
@@ -71,8 +86,7 @@ def measured(
         workers: processes; a single one is this one.
         console: where to tell.
     """
-    # Times are outcomes too, and workers that share cores change them.
-    name = f"{measurement.name}-{digest_of({**measurement.key, 'workers': workers})[:16]}.json"
+    name = f"{measurement.name}-{cache_key(measurement, workers=workers)[:16]}.json"
     if (kept := _kept(measurement, cache, name)) is not None:
         told = f"{measurement.command} {measurement.name}: {len(kept)} {measurement.items_name}"
         console.print(f"{told}, as measured before", highlight=False)
@@ -80,6 +94,14 @@ def measured(
     outcomes = _run(measurement, items, workers, console)
     cache.write(name, json_bytes({"rows": [row.to_json() for row in outcomes]}))
     return outcomes
+
+
+def cache_key(measurement: Measurement[Item, Outcome], *, workers: int) -> str:
+    """Digest of all that outcomes depend on.
+
+    Times are outcomes too, and workers that share cores change them.
+    """
+    return digest_of({**measurement.key, "workers": workers})
 
 
 def code_digest(rooms: Iterable[str], files: Iterable[str]) -> str:
@@ -93,10 +115,10 @@ def code_digest(rooms: Iterable[str], files: Iterable[str]) -> str:
 
 
 def _run(
-    measurement: Measurement[Item, Outcome], items: Sequence[Item], workers: int, console: Console
+    measurement: Measurement[Item, Outcome], items: Items[Item], workers: int, console: Console
 ) -> tuple[Outcome, ...]:
     total = math.ceil(len(items) / _ITEMS_PER_CALL)
-    engine = Engine.LOCAL if workers > 1 else Engine.INLINE
+    engine = Engine.LOCAL if workers > 1 and not measurement.in_this_process else Engine.INLINE
     found: dict[int, Sequence[Outcome]] = {}
     with meter(
         f"{measurement.command} {measurement.name}",
@@ -114,10 +136,11 @@ def _run(
 
 
 def _calls(
-    measure: Callable[[Sequence[Item]], Sequence[Outcome]], items: Sequence[Item]
+    measure: Callable[[Sequence[Item]], Sequence[Outcome]], items: Items[Item]
 ) -> Iterator[Call[tuple[int, Sequence[Outcome]]]]:
     for first in range(0, len(items), _ITEMS_PER_CALL):
-        yield partial(_numbered, measure, first, items[first : first + _ITEMS_PER_CALL])
+        numbers = range(first, min(first + _ITEMS_PER_CALL, len(items)))
+        yield partial(_numbered, measure, first, tuple(items[number] for number in numbers))
 
 
 def _numbered(

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pipeline.evaluation.paper_scenario import PAPER_OVERLAP, nearest_scenario, scenario
+from pipeline.evaluation.paper_scenario import scenario
 from pipeline.geometry.se2 import SE2
 from pipeline.geometry.wall_agreement import wall_agreement
 from tests.evaluation.toy_pairs import toy_pair
@@ -48,14 +48,5 @@ def test_a_map_that_lies_straight_keeps_its_cells(pair):
     assert counts.tolist() == counts_before.tolist()
 
 
-def test_a_map_that_does_not_fit_is_passed_over(pair):
-    large = replace(pair, grid_0=replace(pair.grid_0, resolution_m=0.2), overlap=PAPER_OVERLAP)
-    assert scenario(large) is None
-    assert nearest_scenario([large]) is None
-    assert nearest_scenario([large, pair]).pair_id == pair.pair_id
-
-
-def test_the_nearest_overlap_is_taken(pair):
-    near = replace(pair, pair_id="near", overlap=PAPER_OVERLAP + 0.01)
-    far = replace(pair, pair_id="far", overlap=PAPER_OVERLAP - 0.02)
-    assert nearest_scenario([far, near]).pair_id == "near"
+def test_a_map_that_does_not_fit_is_none(pair):
+    assert scenario(replace(pair, grid_0=replace(pair.grid_0, resolution_m=0.2))) is None

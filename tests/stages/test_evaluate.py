@@ -13,7 +13,7 @@ pytest.importorskip("matplotlib")
 from pipeline.cli import app
 from pipeline.errors import SetupError, StoreError
 from pipeline.evaluation.symmetry import turn_symmetry
-from pipeline.stages import measured_pairs
+from pipeline.stages import measuring
 from pipeline.stages.evaluate import Evaluation, evaluate
 from pipeline.training.pairs import read_pairs
 from pipeline.training.perturbation import PerturbationRange, evaluation_perturbation, perturbed_pair
@@ -158,7 +158,7 @@ def test_a_damaged_cache_is_measured_anew(data, tmp_path):
 @pytest.mark.slow
 def test_workers_and_batches_change_nothing_but_time(data, tmp_path, monkeypatch):
     one, _ = evaluated(data, tmp_path / "one", "hough", workers=1)
-    monkeypatch.setattr(measured_pairs, "_PAIRS_PER_CALL", 2)
+    monkeypatch.setattr(measuring, "_ITEMS_PER_CALL", 2)
     two, _ = evaluated(data, tmp_path / "two", "hough", workers=2)
     accuracy = [m["methods"]["hough"]["summary"]["by_overlap"] for m in (one, two)]
     assert accuracy[0] == accuracy[1]

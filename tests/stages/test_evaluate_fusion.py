@@ -12,6 +12,7 @@ pytest.importorskip("matplotlib")
 pytest.importorskip("torch")
 
 from pipeline.errors import ConfigError, StoreError
+from pipeline.evaluation.paper_scenario import PAPER_OVERLAP
 from pipeline.geometry.se2 import SE2
 from pipeline.stages import evaluate_all as every
 from pipeline.stages import evaluate_fusion as stage
@@ -21,6 +22,7 @@ from pipeline.stages.evaluate_fusion import FusionEvaluation, evaluate_fusion
 from pipeline.stages.pack import pack
 from pipeline.stages.seen_images import SIGHTING, read_images
 from pipeline.store.read import StageReader
+from pipeline.training.pairs import read_pairs
 from tests.evaluation.pages import require_self_contained
 from tests.stages.toy_evaluation import toy_dataset
 from tests.stages.toy_sources import ToySource
@@ -59,7 +61,12 @@ def test_true_poses_give_true_maps_and_a_page(data, images, tmp_path):
         assert overall["success"] == {"count": 2, "of": 2}
         assert overall["iou_mean"] == pytest.approx(1.0, abs=1e-3)
         assert overall["position_m"]["largest"] == pytest.approx(0.0, abs=1e-6)
-    assert metrics["paper_scenario"]["overlap"] > 0.0
+    table = read_pairs(StageReader(f"{data}/dataset"), "test")
+    overlaps = dict(zip(table.table["pair_id"].to_pylist(), table.overlap, strict=True))
+    drawn = json.loads(next((tmp_path / "fusion").iterdir()).read_text())["rows"]
+    nearest = min((row["pair_id"] for row in drawn), key=lambda name: abs(overlaps[name] - PAPER_OVERLAP))
+    assert metrics["paper_scenario"]["pair_id"] == nearest
+    assert metrics["paper_scenario"]["overlap"] == pytest.approx(overlaps[nearest], abs=0.02)
     anchors = require_self_contained((tmp_path / "index.html").read_text())
     assert {"fusion", "fusion-methods", "fusion-gallery", "fusion-scenario"} <= anchors
 

@@ -9,7 +9,7 @@ import pytest
 pytest.importorskip("matplotlib")
 pytest.importorskip("torch")
 
-from pipeline.stages import measured_pairs
+from pipeline.stages import measured_pairs, measuring
 from pipeline.stages.estimators import Method, chosen_methods
 from pipeline.training.pairs import read_pairs
 from pipeline.training.perturbation import PerturbationRange
@@ -41,6 +41,10 @@ def _methods(network: Path) -> list[Method]:
     return chosen_methods(("hough", "vit-lie"), {"vit-lie": network}, xy_range_m=2.0, yaw_range_rad=0.8)
 
 
+def _key(method: Method, trial: measured_pairs.Trial, *, workers: int = 1) -> str:
+    return measuring.cache_key(measured_pairs.measurement(method, None, trial), workers=workers)
+
+
 @pytest.mark.parametrize(
     ("source", "without_network", "with_network"),
     [
@@ -59,12 +63,12 @@ def test_outcomes_of_other_code_are_measured_anew(
     trial, network, tmp_path, monkeypatch, source, without_network, with_network
 ):
     shutil.copytree(CODE, tmp_path / "code", ignore=shutil.ignore_patterns("__pycache__"))
-    monkeypatch.setattr(measured_pairs, "_CODE", tmp_path / "code")
+    monkeypatch.setattr(measuring, "_CODE", tmp_path / "code")
     methods = _methods(network)
-    before = [measured_pairs.cache_key(method, trial, workers=1) for method in methods]
+    before = [_key(method, trial) for method in methods]
     with (tmp_path / "code" / source).open("a") as file:
         file.write("# changed\n")
-    after = [measured_pairs.cache_key(method, trial, workers=1) for method in methods]
+    after = [_key(method, trial) for method in methods]
     assert [a != b for a, b in zip(after, before, strict=True)] == [without_network, with_network]
 
 
@@ -76,10 +80,10 @@ def test_outcomes_of_other_packages_or_workers_are_measured_anew(
     trial, network, monkeypatch, package, without_network
 ):
     methods, version = _methods(network), metadata.version
-    before = [measured_pairs.cache_key(method, trial, workers=1) for method in methods]
-    assert [measured_pairs.cache_key(method, trial, workers=1) for method in methods] == before
-    more = [measured_pairs.cache_key(method, trial, workers=2) for method in methods]
+    before = [_key(method, trial) for method in methods]
+    assert [_key(method, trial) for method in methods] == before
+    more = [_key(method, trial, workers=2) for method in methods]
     assert all(a != b for a, b in zip(more, before, strict=True))
     monkeypatch.setattr(metadata, "version", lambda name: "0" if name == package else version(name))
-    after = [measured_pairs.cache_key(method, trial, workers=1) for method in methods]
+    after = [_key(method, trial) for method in methods]
     assert [a != b for a, b in zip(after, before, strict=True)] == [without_network, True]
