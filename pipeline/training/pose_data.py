@@ -97,7 +97,7 @@ class _Looker:
 
 
 class PoseTrainingBatches(Dataset[PoseBatch]):
-    """Batches by their number; every epoch is a permutation of all images that show the robot.
+    """Batches by their number, drawn in permutations of the images that show the robot.
 
     Attributes:
         batch_size: samples of this process in a batch.
@@ -117,7 +117,10 @@ class PoseTrainingBatches(Dataset[PoseBatch]):
         self.sampling, self.seed = sampling, seed
         self.batch_size, self.rank, self.processes = batch_size, rank, processes
         self._looker = _Looker(poses, sampling)
-        self._order = EpochOrder(len(self._looker.showing), seed=seed)
+        plausible = [row for row in self._looker.showing if poses.plausible[row]]
+        free = [row for row in self._looker.showing if not poses.plausible[row]]
+        self._rows = plausible or free, free or plausible
+        self._orders = [EpochOrder(len(rows), seed=seed) for rows in self._rows]
 
     def __getitem__(self, step: int) -> PoseBatch:
         first = (step * self.processes + self.rank) * self.batch_size
@@ -127,7 +130,8 @@ class PoseTrainingBatches(Dataset[PoseBatch]):
     def sample(self, number: int) -> PoseSample:
         """One sample by its number."""
         rng = stream(self.seed, "train", number)
-        sample = self._look(self._looker.showing[self._order.row(number)], rng)
+        kind = 0 if rng.random() < self.sampling.plausible_share else 1
+        sample = self._look(self._rows[kind][self._orders[kind].row(number)], rng)
         image = augmented_image(sample.image, _box_px(sample), self.sampling.augmentation, rng)
         return PoseSample(image=image, uv_px=sample.uv_px, close=sample.close)
 

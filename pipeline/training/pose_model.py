@@ -22,7 +22,7 @@ _FEATURES = "features."
 class PoseModel(TrainableModel[PoseBatch]):
     """DOPE's network, published or small."""
 
-    suitable_learning_rate = 2e-3
+    suitable_learning_rate = 3e-3
     point = PosePoint
 
     def __init__(self, network: RelativePoseNet) -> None:

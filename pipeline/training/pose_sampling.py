@@ -66,6 +66,9 @@ class PoseSampling:
         input_px: side of the square input, a multiple of 8.
         belief_sigma_cells: standard deviation of a belief map's peak.
         field_radius_cells: of a vector field's disc.
+        plausible_share: of looks, at images as another robot takes them; the others show the robot at any
+            attitude before anything. Only upright robots are met, and a robot's heading is what is learnt
+            last.
         least_visibility: with which a robot is labelled; images that show less of it, but some, are left out.
         least_span_px, greatest_span_px: larger side of the robot's projected cuboid in wide looks;
             log-uniform.
@@ -81,13 +84,14 @@ class PoseSampling:
     input_px: int = 160
     belief_sigma_cells: float = 1.0
     field_radius_cells: int = 2
+    plausible_share: float = 0.85
     least_visibility: float = 0.2
     least_span_px: float = 10.0
     greatest_span_px: float = 140.0
     least_scale: float = 0.25
     greatest_scale: float = 3.0
-    close_share: float = 0.5
-    close_span_px: float = 80.0
+    close_share: float = 0.7
+    close_span_px: float = 100.0
     close_jitter_px: float = 10.0
     close_jitter_log: float = 0.2
     absent_share: float = 0.2
@@ -99,6 +103,7 @@ class PoseSampling:
             input_px=(4 * STRIDE_PX, 4096),
             belief_sigma_cells=(0.3, 10.0),
             field_radius_cells=(0, 20),
+            plausible_share=(0.0, 1.0),
             least_visibility=(0.0, 1.0),
             least_span_px=(1.0, self.greatest_span_px),
             greatest_span_px=(1.0, self.input_px),

@@ -12,6 +12,7 @@ import pyarrow as pa
 
 from pipeline.errors import StoreError
 from pipeline.geometry.cuboid import Vec3
+from pipeline.geometry.occupancy_grid import Mask
 from pipeline.geometry.se2 import Array
 from pipeline.pose_estimation.look import Image
 from pipeline.store.read import StageReader
@@ -22,6 +23,7 @@ COLUMNS = (
     "pose_id",
     "plan_digest",
     "seed",
+    "mode",
     "image",
     "robot",
     "cuboid_size_m",
@@ -73,12 +75,14 @@ class PoseTable(PublishedRows):
     Attributes:
         visibility: (N,) visible share of the robot.
         uv_px: (N, 9, 2) the cuboid's points; NaN where the robot is absent or a point is behind the camera.
+        plausible: (N,) bool, whether another robot's camera might see it so: on the floor, upright.
     """
 
     def __init__(self, split: str, table: pa.Table) -> None:
         super().__init__(split, table)
         self.visibility: Array = table["visibility"].to_numpy()
         self.uv_px: Array = np.concatenate([_points(chunk) for chunk in table["projected_cuboid_px"].chunks])
+        self.plausible: Mask = np.array(table["mode"].to_pylist()) == "plausible"
         self._pose_ids: list[str] = table["pose_id"].to_pylist()
 
     def __getitem__(self, index: int) -> PoseImage:
