@@ -12,6 +12,7 @@ from pipeline.evaluation.canvas import Image, encoded_png
 from pipeline.evaluation.html_page import Html, joined, paragraph, picture, strong, subheading
 from pipeline.evaluation.pose_errors import ImageTruth, PoseOutcome, PoseOutcomes
 from pipeline.evaluation.pose_figures import labelled_image
+from pipeline.evaluation.pose_summary import TARGET_HEADING_RAD, TARGET_POSITION_M
 from pipeline.geometry.camera import PinholeCamera
 from pipeline.geometry.cuboid import Vec3, project_cuboid
 from pipeline.geometry.se2 import Array
@@ -43,10 +44,13 @@ class PoseShown:
 def chosen_images(found: PoseOutcomes, *, each: int = _EACH) -> list[tuple[str, int]]:
     """Which images are shown, and why: the best, median and worst detections, missed and false ones.
 
-    The worst are half those with the largest errors in position and half in heading. Of the missed, those of
+    Best and median are by both components, each measured by what is wanted of it. The worst are half those
+    with the largest errors in position and half in heading. Of the missed, those of
     which most is visible; of the false, those of the highest score.
     """
     made = np.flatnonzero(found.detected)
+    off = found.position_m / TARGET_POSITION_M + found.heading_rad / TARGET_HEADING_RAD
+    by_both = made[np.argsort(off[made], kind="stable")]
     by_position = made[np.argsort(found.position_m[made], kind="stable")]
     by_heading = made[np.argsort(found.heading_rad[made], kind="stable")]
     missed = np.flatnonzero(found.shows_robot & ~found.found)
@@ -56,8 +60,8 @@ def chosen_images(found: PoseOutcomes, *, each: int = _EACH) -> list[tuple[str, 
     middle = max(len(made) // 2 - each // 2, 0)
     worst = [*dict.fromkeys([*by_position[::-1][: each // 2].tolist(), *by_heading[::-1][:each].tolist()])]
     named = {
-        "best": by_position[:each],
-        "median": by_position[middle : middle + each],
+        "best": by_both[:each],
+        "median": by_both[middle : middle + each],
         "worst": np.array(worst[:each], dtype=np.int64),
         "missed": missed[:each],
         "false detection": false[np.argsort(-scores, kind="stable")][:each],

@@ -76,10 +76,14 @@ def best_run(found: Mapping[Run, FusionOutcomes]) -> Run:
 
 
 def chosen_rendezvous(found: Mapping[Run, FusionOutcomes]) -> list[tuple[str, int, Run]]:
-    """The best, median and worst fused maps of the best run, by their error in position: why, number, run."""
+    """The best, median and worst fused maps of the best run: why, number, run.
+
+    By both components of the error, each measured by what counts as a success.
+    """
     run = best_run(found)
     made = np.flatnonzero(found[run].made)
-    order = made[np.argsort(found[run].position_m[made], kind="stable")]
+    off = found[run].position_m / SUCCESS_M + found[run].heading_rad / SUCCESS_RAD
+    order = made[np.argsort(off[made], kind="stable")]
     if not len(order):
         return []
     named = {"best": order[0], "median": order[len(order) // 2], "worst": order[-1]}

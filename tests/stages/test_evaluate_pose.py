@@ -7,9 +7,11 @@ from pathlib import Path
 
 import pytest
 from rich.console import Console
+from typer.testing import CliRunner
 
 pytest.importorskip("matplotlib")
 
+from pipeline.cli import app
 from pipeline.errors import ConfigError, StoreError
 from pipeline.geometry.se2 import SE2
 from pipeline.stages.evaluate_pose import PoseEvaluation, evaluate_pose
@@ -166,3 +168,15 @@ def test_a_dataset_without_images_is_told_in_one_line(tmp_path):
     pack(synthetic_run(tmp_path))
     with pytest.raises(StoreError, match="no plausible or sighting images of split test; must be a dataset"):
         _evaluated(tmp_path, tmp_path / "report", None)
+
+
+@pytest.mark.parametrize("command", ["evaluate-pose", "evaluate-fusion"])
+def test_the_commands_name_what_is_missing_in_one_line(data, tmp_path, command):
+    options = ["--data", str(data), "--weights", str(tmp_path / "no.safetensors"), "--workers", "1"]
+    result = CliRunner().invoke(app, [command, *options, "--report", str(tmp_path)])
+    assert result.exit_code == 2
+    assert (
+        "no.safetensors: no weights of the relative-pose estimator; `rendezvous train-pose`" in result.stderr
+    )
+    assert result.stderr.count("\n") == 1
+    assert not list(tmp_path.iterdir())
