@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import islice
 
 import cv2
@@ -166,7 +167,17 @@ def test_close_looks_show_the_robot_in_the_middle_at_the_span_for_measuring():
         spans_px.append(span_px(points_px))
     assert np.mean(middles, axis=0) == pytest.approx([79.5, 79.5], abs=2.0)
     assert np.std(middles, axis=0) == pytest.approx([10.0, 10.0], rel=0.15)
-    assert np.median(spans_px) == pytest.approx(80.0, rel=0.05)
+    assert np.median(spans_px) == pytest.approx(SAMPLING.close_span_px, rel=0.05)
+
+
+@pytest.mark.parametrize(("share", "modes"), [(1.0, {True}), (0.0, {False}), (0.5, {True, False})])
+def test_looks_are_at_plausible_images_as_often_as_asked_for(poses: PoseTable, monkeypatch, share, modes):
+    asked, read = list[int](), PoseTable.__getitem__
+    monkeypatch.setattr(PoseTable, "__getitem__", lambda self, row: asked.append(row) or read(self, row))
+    source = batches(poses, replace(SAMPLING, plausible_share=share, absent_share=0.0))
+    for number in range(30):
+        source.sample(number)
+    assert {bool(poses.plausible[row]) for row in asked} == modes
 
 
 def test_targets_peak_at_the_points_and_point_to_the_centroid():
