@@ -5,6 +5,7 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from rich.console import Console
 from typer.testing import CliRunner
@@ -13,13 +14,16 @@ pytest.importorskip("matplotlib")
 
 from pipeline.cli import app
 from pipeline.errors import ConfigError, StoreError
+from pipeline.geometry.camera import rotation_from_rpy
 from pipeline.geometry.se2 import SE2
 from pipeline.stages.evaluate_pose import PoseEvaluation, evaluate_pose
+from pipeline.stages.pack import pack
 from pipeline.stages.seen_images import PLAUSIBLE, SIGHTING, read_images
 from pipeline.store.read import StageReader
 from tests.evaluation.pages import require_self_contained
 from tests.stages.toy_evaluation import toy_dataset
 from tests.stages.toy_sources import ToySource
+from tests.synthetic_dataset import POSE_ROWS, explored, rendered, synthetic_run
 
 
 @pytest.fixture(scope="module")
@@ -143,6 +147,27 @@ def test_the_true_pose_is_that_of_the_robots(images):
             assert 0.5 <= image.truth.T_r0_r1.x_m <= 3.0
 
 
+def test_a_camera_that_stands_askew_changes_what_is_given_and_not_the_truth(data, tmp_path):
+    askew = np.eye(4)
+    askew[:3, :3] = rotation_from_rpy(0.0, 0.05, 0.0)
+    rows = [
+        [row if row["T_r0_c"] is None else {**row, "T_r0_c": askew @ row["T_r0_c"]} for row in plan]
+        for plan in POSE_ROWS
+    ]
+    explored(tmp_path)
+    rendered(tmp_path, poses=rows, parameters={"askew": True})
+    pack(synthetic_run(tmp_path))
+    level, tilted = (
+        {image.truth.image_id: image for image in read_images(StageReader(f"{folder}/dataset"), "test")}
+        for folder in (data, tmp_path)
+    )
+    assert level.keys() == tilted.keys()
+    for name, image in tilted.items():
+        assert image.truth == level[name].truth or image.truth.T_r0_r1 is None
+        if image.truth.kind == PLAUSIBLE:
+            assert image.T_r0_c == pytest.approx(askew @ level[name].T_r0_c)
+
+
 @pytest.mark.parametrize(
     ("settings", "told"),
     [
@@ -160,9 +185,6 @@ def test_what_is_wrong_is_told_in_one_line(data, tmp_path, settings, told):
 
 
 def test_a_dataset_without_images_is_told_in_one_line(tmp_path):
-    from pipeline.stages.pack import pack
-    from tests.synthetic_dataset import explored, rendered, synthetic_run
-
     explored(tmp_path)
     rendered(tmp_path, views=False, poses=())
     pack(synthetic_run(tmp_path))
