@@ -76,23 +76,23 @@ def fuse(
     from pipeline.fusion.refinement import Refinement
     from pipeline.geometry.se2 import SE2
     from pipeline.stages.fuse import FuseRequest, fused
-    from pipeline.stages.fuse_outputs import summary, write_fused
+    from pipeline.stages.fuse_outputs import require_apart, summary, write_fused
 
-    found = fused(
-        FuseRequest(
-            maps=(map0, map1),
-            T_m0_r0=SE2.from_array(at_0),
-            T_m1_r1=SE2.from_array(at_1),
-            images=tuple(image),
-            camera=camera,
-            camera_pose=mounted,
-            robot=robot,
-            T_r0_r1=None if seen is None else SE2.from_array(seen),
-            relative_sigma=sigma,
-            refine=Refinement(refine),
-            strict=strict,
-        )
+    request = FuseRequest(
+        maps=(map0, map1),
+        T_m0_r0=SE2.from_array(at_0),
+        T_m1_r1=SE2.from_array(at_1),
+        images=tuple(image),
+        camera=camera,
+        camera_pose=mounted,
+        robot=robot,
+        T_r0_r1=None if seen is None else SE2.from_array(seen),
+        relative_sigma=sigma,
+        refine=Refinement(refine),
+        strict=strict,
     )
+    require_apart(request, out)
+    found = fused(request)
     for warning in found.warnings:
         print(f"rendezvous: {warning}", file=sys.stderr)
     write_fused(found, out)

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal
 
-import numpy as np
-
+from pipeline.errors import ConfigError
 from pipeline.fusion.refinement import Refinement
 from pipeline.fusion.system import FusionResult
 from pipeline.geometry.se2 import SE2, Array
 from pipeline.pose_estimation.relative_pose import ImagePoseEstimator
 from pipeline.stages.fuse import FuseRequest, fused
 from pipeline.stages.fuse_inputs import CameraLike, ImageLike, MapLike
-from pipeline.stages.fuse_outputs import write_fused
+from pipeline.stages.fuse_outputs import require_apart, write_fused
 
 PoseLike = SE2 | Sequence[float] | Array
 """x [m], y [m], yaw [rad]."""
@@ -57,34 +57,56 @@ def fuse(
 
     Raises:
         PipelineError: what is given cannot be used, or the robot is not found; says what would be right.
+
+    Warns:
+        UserWarning: what is given can be used, and is likely not what is meant, as degrees for radians.
     """
     several = isinstance(image, Sequence) and not isinstance(image, str)
     images: Sequence[ImageLike] = image if several else [] if image is None else [image]  # type: ignore[assignment,list-item]
-    found = fused(
-        FuseRequest(
-            maps=(map0, map1),
-            T_m0_r0=_pose(pose0),
-            T_m1_r1=_pose(pose1),
-            images=tuple(images),
-            camera=camera,
-            camera_pose=None if camera_pose is None else tuple(camera_pose),
-            robot=robot,
-            T_r0_r1=None if relative is None else _pose(relative),
-            relative_sigma=None if relative_sigma is None else _sigma(relative_sigma),
-            refine=Refinement(refine),
-            strict=strict,
-            pose_estimator=pose_estimator,
-        )
+    request = FuseRequest(
+        maps=(map0, map1),
+        T_m0_r0=_pose("pose0", pose0),
+        T_m1_r1=_pose("pose1", pose1),
+        images=tuple(images),
+        camera=camera,
+        camera_pose=None if camera_pose is None else tuple(camera_pose),
+        robot=robot,
+        T_r0_r1=None if relative is None else _pose("relative", relative),
+        relative_sigma=None if relative_sigma is None else _sigma(relative_sigma),
+        refine=_refinement(refine),
+        strict=strict,
+        pose_estimator=pose_estimator,
     )
     if out is not None:
+        require_apart(request, Path(out))
+    found = fused(request)
+    if out is not None:
         write_fused(found, Path(out))
+    for warning in found.warnings:
+        warnings.warn(warning, stacklevel=2)
     return found.result
 
 
-def _pose(given: PoseLike) -> SE2:
-    return given if isinstance(given, SE2) else SE2.from_array(np.asarray(given, np.float64))
+def _pose(name: str, given: PoseLike) -> SE2:
+    return given if isinstance(given, SE2) else SE2(*_three(name, given))
 
 
 def _sigma(given: Sequence[float]) -> tuple[float, float, float]:
-    x_m, y_m, yaw_rad = given
+    return _three("relative_sigma", given)
+
+
+def _three(name: str, given: Sequence[float] | Array) -> tuple[float, float, float]:
+    try:
+        x_m, y_m, yaw_rad = (float(value) for value in given)
+    except (TypeError, ValueError) as error:
+        raise ConfigError(
+            f"{name} is {' '.join(repr(given).split())}; must be x [m], y [m], yaw [rad]"
+        ) from error
     return x_m, y_m, yaw_rad
+
+
+def _refinement(given: str) -> Refinement:
+    try:
+        return Refinement(given)
+    except ValueError as error:
+        raise ConfigError(f"refine is {given!r}; must be one of {', '.join(Refinement)}") from error

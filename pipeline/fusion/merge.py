@@ -141,13 +141,15 @@ def on_common_grid(
     corners_m = np.vstack([_corners(grid_0, grid_0.T_m_g), _corners(grid_1, T_m0_g1)])
     origin_m = grid_0.T_m_g.as_array()[:2]
     corners = (corners_m - origin_m) / resolution_m
-    first_col, first_row = np.floor(corners.min(axis=0) + EDGE_CELLS)
-    width, height = np.ceil(corners.max(axis=0) - EDGE_CELLS) - (first_col, first_row)
+    # Plain floats overflow to infinity without a warning.
+    first_col, first_row = np.floor(corners.min(axis=0) + EDGE_CELLS).tolist()
+    last_col, last_row = np.ceil(corners.max(axis=0) - EDGE_CELLS).tolist()
+    width, height = last_col - first_col, last_row - first_row
     if not width * height <= MAX_CELLS:
         raise MapError(
             f"the fused map would have {width:.10g} x {height:.10g} cells of {resolution_m:g} m; must be at "
             f"most {MAX_CELLS:,}; map 1 lies at x {T_m0_m1.x_m:g} m, y {T_m0_m1.y_m:g} m in map 0: are the "
-            "poses right?"
+            "poses, origins and resolutions right?"
         )
     T_m0_g = SE2(
         float(origin_m[0] + first_col * resolution_m), float(origin_m[1] + first_row * resolution_m), 0.0

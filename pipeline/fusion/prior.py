@@ -12,7 +12,7 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtr
 
 from pipeline.alignment.window import SearchRange
 from pipeline.errors import require_within
@@ -97,7 +97,7 @@ class FrameErrorPrior:
         for mode in self.modes:
             d = (mode.mean.inverse() @ theta).wrapped().as_array()
             distances.append(d @ np.linalg.solve(mode.covariance + covariance, d))
-        return float(chi2.cdf(min(distances), 3))
+        return float(chdtr(3, min(distances)))
 
 
 def frame_error_prior(sighting: SightedPose, T_m0_r0: SE2, *, slam: SlamSpread) -> FrameErrorPrior | None:

@@ -14,9 +14,9 @@ import cv2
 import numpy as np
 
 from pipeline.errors import MapError
+from pipeline.interop.decoding import PNG_START, decoded, is_whole_png
+from pipeline.interop.given_file import given_bytes
 from pipeline.interop.pgm import Grey, read_pgm, require_size
-
-PNG_START, PNG_END = b"\x89PNG\r\n\x1a\n", b"IEND\xaeB`\x82"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -41,7 +41,7 @@ def read_map_image(path: Path) -> MapImage:
         MapError: names the file, and what is wrong with it.
     """
     try:
-        data = path.read_bytes()
+        data = given_bytes(path)
     except OSError as error:
         raise MapError(f"{path}: image cannot be read ({error.strerror}); must be PGM, PNG or BMP") from error
     if data[:2] in (b"P2", b"P5"):
@@ -49,26 +49,17 @@ def read_map_image(path: Path) -> MapImage:
         return MapImage(grey=grey, alpha=None, white=white)
     width, height, whole = _announced(data, path)
     require_size(width, height, path)
-    pixels = _decoded(data) if whole else None
+    pixels = decoded(data, cv2.IMREAD_UNCHANGED) if whole else None
     if pixels is None:
         raise MapError(f"{path}: {len(data):,} bytes of a damaged or cut off image; save or copy it again")
     return _grey(pixels, path)
-
-
-def _decoded(data: bytes) -> Grey | None:
-    """(H, W) or (H, W, 3 or 4); None for what OpenCV cannot read."""
-    try:
-        pixels = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
-    except cv2.error:
-        return None
-    return pixels if pixels is None else np.asarray(pixels)
 
 
 def _announced(data: bytes, path: Path) -> tuple[int, int, bool]:
     """Width and height by the header of a PNG or BMP, and whether the file goes on to its end."""
     if data.startswith(PNG_START) and len(data) > 32:
         width, height = struct.unpack(">II", data[16:24])
-        return width, height, PNG_END in data
+        return width, height, is_whole_png(data)
     if data.startswith(b"BM") and len(data) > 32:
         (size,) = struct.unpack("<I", data[2:6])
         width, height = struct.unpack("<ii", data[18:26])

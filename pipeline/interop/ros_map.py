@@ -16,6 +16,7 @@ modes make of that, as in nav2's map_server (ROS 1 differs only where told):
 
 from __future__ import annotations
 
+import math
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
@@ -60,15 +61,22 @@ def write_ros_map(grid: OccupancyGrid, yaml_path: Path) -> Path:
         The image's path.
     """
     image_path = yaml_path.with_suffix(".pgm")
+    image, header = ros_map_bytes(grid, image_path.name)
+    image_path.write_bytes(image)
+    yaml_path.write_bytes(header)
+    return image_path
+
+
+def ros_map_bytes(grid: OccupancyGrid, image_name: str) -> tuple[bytes, bytes]:
+    """What `write_ros_map` writes: the PGM, and the YAML that calls it by this name."""
     height, width = grid.cells.shape
-    image_path.write_bytes(f"P5\n{width} {height}\n255\n".encode() + grid.cells[::-1].tobytes())
     x_m, y_m, yaw_rad = (float(value) for value in grid.T_m_g.wrapped().as_array())
-    yaml_path.write_text(
-        f"image: {image_path.name}\nmode: trinary\nresolution: {grid.resolution_m!r}\n"
+    header = (
+        f"image: {image_name}\nmode: trinary\nresolution: {grid.resolution_m!r}\n"
         f"origin: [{x_m!r}, {y_m!r}, {yaw_rad!r}]\nnegate: 0\n"
         f"occupied_thresh: {OCCUPIED_THRESH}\nfree_thresh: {FREE_THRESH}\n"
     )
-    return image_path
+    return f"P5\n{width} {height}\n255\n".encode() + grid.cells[::-1].tobytes(), header.encode()
 
 
 def read_ros_map(yaml_path: Path, *, strict: bool) -> OccupancyGrid:
@@ -196,5 +204,12 @@ def _origin(fields: dict[str, Any], path: Path) -> SE2:
     if origin is None or len(origin) != 3:
         raise MapError(
             f"{path}: origin is {short(fields['origin'])}; must be [x, y, yaw] in metres and radians"
+        )
+    yaw_rad = origin[2]
+    if abs(yaw_rad) > 2.0 * math.pi:
+        warnings.warn(
+            f"{path}: origin has a yaw of {yaw_rad:g} rad, more than a turn; radians are meant, and "
+            f"{yaw_rad:g}° are {math.radians(yaw_rad):.4f} rad",
+            stacklevel=4,
         )
     return SE2.from_array(origin)

@@ -10,6 +10,12 @@ from typing import Any
 import yaml
 
 from pipeline.errors import PipelineError
+from pipeline.interop.given_file import given_bytes
+
+MOST_BYTES = 10_000_000
+"""PyYAML takes a minute for so much, and a whole bag of messages is none of these files."""
+
+_SHOWN_LETTERS = 100
 
 
 def read_yaml_fields(path: Path, error: type[PipelineError], *, right: str) -> dict[str, Any]:
@@ -25,11 +31,11 @@ def read_yaml_fields(path: Path, error: type[PipelineError], *, right: str) -> d
     """
     try:
         # `ros2 topic echo` ends every message with `---`: what follows is another document, or none.
-        fields = next(iter(yaml.safe_load_all(path.read_text(encoding="utf-8"))), None)
+        text = given_bytes(path, most_bytes=MOST_BYTES).decode("utf-8")
+        fields = next(iter(yaml.safe_load_all(text)), None)
     except (OSError, ValueError, RecursionError, yaml.YAMLError) as cause:
-        raise error(
-            f"{path}: cannot be read as YAML ({' '.join(str(cause).split())}); must be {right}"
-        ) from cause
+        why = cause.strerror if isinstance(cause, OSError) else " ".join(str(cause).split())
+        raise error(f"{path}: cannot be read as YAML ({why}); must be {right}") from cause
     if not isinstance(fields, dict):
         raise error(f"{path}: holds no keys; must be {right}")
     return fields
@@ -60,4 +66,5 @@ def numbers(value: Any) -> list[float] | None:
 
 def short(value: Any) -> str:
     """A value as an error shows it: one line, cut where it is long."""
-    return reprlib.repr(value)
+    text = reprlib.repr(value)
+    return text if len(text) <= _SHOWN_LETTERS else f"{text[:_SHOWN_LETTERS]} ..."

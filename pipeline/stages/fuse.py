@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.errors import ConfigError
+from pipeline.errors import ConfigError, SetupError
 from pipeline.fusion.meeting import Meeting
 from pipeline.fusion.refinement import Refinement, Refiner, correlative_refiner, matcher_refiner
 from pipeline.fusion.sighted_pose import SightedPose, sighted_pose
@@ -34,6 +34,9 @@ from pipeline.stages.fuse_inputs import (
     read_photograph,
 )
 from pipeline.stages.pose_source import PoseWeights
+
+MOST_SIGMA = 1000.0
+"""Whoever knows a pose no better than this [m, m, rad] does not know it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -72,9 +75,12 @@ class FuseRequest:
             raise ConfigError("fuse: give either images of the sighting or the relative pose, and not both")
         if self.images and self.camera is None:
             raise ConfigError("fuse: an image needs the camera that took it")
-        if self.relative_sigma is not None and not all(0.0 < s < np.inf for s in self.relative_sigma):
+        if self.relative_sigma is not None and not all(
+            0.0 < sigma <= MOST_SIGMA for sigma in self.relative_sigma
+        ):
             raise ConfigError(
-                f"fuse: relative sigma is {self.relative_sigma}; must be standard deviations above 0"
+                f"fuse: relative sigma is {self.relative_sigma}; must be standard deviations above 0, "
+                f"at most {MOST_SIGMA:g}"
             )
 
 
@@ -129,6 +135,7 @@ def fused(request: FuseRequest) -> Fused:
     clock = _Clock()
     with warnings.catch_warnings(record=True) as caught, clock.part("read"):
         warnings.simplefilter("always")
+        _warn_of_degrees(request)
         grid_0, grid_1 = (read_map(given, strict=request.strict) for given in request.maps)
         camera = read_camera(request.camera) if request.camera is not None and request.images else None
         photographs = tuple(
@@ -160,6 +167,20 @@ def fused(request: FuseRequest) -> Fused:
     )
 
 
+def _warn_of_degrees(request: FuseRequest) -> None:
+    """A yaw may be unrolled, but one of more than a turn is more often meant in degrees."""
+    poses = ("pose 0", request.T_m0_r0), ("pose 1", request.T_m1_r1), ("relative pose", request.T_r0_r1)
+    angles = [(name, pose.yaw_rad) for name, pose in poses if pose is not None]
+    angles += [("camera pose", angle_rad) for angle_rad in (request.camera_pose or ())[3:]]
+    for name, angle_rad in angles:
+        if abs(angle_rad) > 2.0 * math.pi:
+            warnings.warn(
+                f"{name}: an angle is {angle_rad:g} rad, more than a turn; radians are meant, and "
+                f"{angle_rad:g}° are {math.radians(angle_rad):.4f} rad",
+                stacklevel=2,
+            )
+
+
 def _sighting(request: FuseRequest, poses: Sequence[RelativePose]) -> SightedPose:
     if request.T_r0_r1 is None:
         return sighted_pose(poses)
@@ -181,5 +202,8 @@ def _refiner(refine: Refinement) -> Refiner | None:
         return correlative_refiner
     # Its own search is not used: the refiner sets it.
     (method,) = chosen_methods(("matcher",), {}, xy_range_m=2.0, yaw_range_rad=math.pi / 4)
-    matcher: Any = trained(method, threads=1).estimator
+    try:
+        matcher: Any = trained(method, threads=1).estimator
+    except SetupError as error:
+        raise SetupError(f"{error}; to refine by correlative search, or not at all, does without") from error
     return matcher_refiner(matcher, with_prior=refine is Refinement.AUTO)

@@ -8,11 +8,13 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from pipeline.errors import CameraError, ConfigError
+from pipeline.errors import CameraError, ConfigError, MapError
 from pipeline.geometry.camera import PinholeCamera, camera_pose
 from pipeline.geometry.occupancy_grid import OccupancyGrid
 from pipeline.geometry.se2 import Array
 from pipeline.interop.camera_info import CameraInfo, read_camera_info
+from pipeline.interop.decoding import PNG_START, decoded, is_whole_png
+from pipeline.interop.given_file import given_bytes
 from pipeline.interop.ros_map import read_ros_map
 from pipeline.pose_estimation.look import Image
 from pipeline.robot_file import load_robot
@@ -21,9 +23,9 @@ MapLike = str | Path | OccupancyGrid
 ImageLike = str | Path | Image
 CameraLike = str | Path | CameraInfo | PinholeCamera
 
-_ENDS = ((b"\xff\xd8", b"\xff\xd9"), (b"\x89PNG", b"IEND"))
-"""How JPEG and PNG files start and end; a little may follow."""
+_JPEG_START, _JPEG_END = b"\xff\xd8", b"\xff\xd9"
 _TAIL_BYTES = 1024
+"""So little may follow the end of a JPEG."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -45,7 +47,11 @@ def read_map(given: MapLike, *, strict: bool) -> OccupancyGrid:
     Raises:
         MapError: the file is missing or no map.
     """
-    return given if isinstance(given, OccupancyGrid) else read_ros_map(Path(given), strict=strict)
+    if isinstance(given, OccupancyGrid):
+        return given
+    if not isinstance(given, str | Path):
+        raise MapError(f"a map is given as {type(given).__name__}; must be its YAML file or an OccupancyGrid")
+    return read_ros_map(Path(given), strict=strict)
 
 
 def read_camera(given: CameraLike) -> CameraInfo:
@@ -58,6 +64,11 @@ def read_camera(given: CameraLike) -> CameraInfo:
         return given
     if isinstance(given, PinholeCamera):
         return CameraInfo(camera=given, distortion_model="plumb_bob", distortion=())
+    if not isinstance(given, str | Path):
+        raise CameraError(
+            f"the camera is given as {type(given).__name__}; must be its camera_info file, a CameraInfo or a "
+            "PinholeCamera"
+        )
     return read_camera_info(Path(given))
 
 
@@ -86,18 +97,26 @@ def read_photograph(given: ImageLike, camera: CameraInfo, *, number: int) -> Pho
 
 def _decoded(path: Path) -> Image:
     try:
-        data = path.read_bytes()
+        data = given_bytes(path)
     except OSError as error:
         raise CameraError(f"{path}: {(error.strerror or str(error)).lower()}; must be an image") from error
-    # OpenCV fills up what is missing of a JPEG that was cut short.
-    if any(data.startswith(start) and end not in data[-_TAIL_BYTES:] for start, end in _ENDS):
-        raise CameraError(f"{path}: the image is cut short after {len(data)} bytes; copy it again")
-    image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR_RGB) if data else None
+    if not _whole(data):
+        raise CameraError(
+            f"{path}: the image is damaged, or cut short after {len(data)} bytes; copy it again"
+        )
+    image = decoded(data, cv2.IMREAD_COLOR_RGB)
     if image is None:
         raise CameraError(
             f"{path}: {len(data)} bytes that are no image; must be PNG, JPEG or another that OpenCV reads"
         )
     return np.asarray(image, np.uint8)
+
+
+def _whole(data: bytes) -> bool:
+    """Whether a JPEG or PNG goes on to its end; OpenCV fills up what is missing of a JPEG."""
+    if data.startswith(_JPEG_START):
+        return _JPEG_END in data[-_TAIL_BYTES:]
+    return is_whole_png(data) if data.startswith(PNG_START) else True
 
 
 def mounting(camera_pose_xyzrpy: tuple[float, ...] | None, robot: str) -> Array:

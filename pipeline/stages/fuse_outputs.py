@@ -1,53 +1,122 @@
-"""What `fuse` leaves: the fused map for ROS, pictures, and a record of all that was found."""
+"""What `fuse` leaves: the fused map for ROS, pictures, and a record of all that was found.
+
+`fused.yaml` and `fused.pgm` are the map in the frame of map 0, `fused.png` shows how the maps lie,
+`image.png` (of several `image_0.png`, ...) the robot that was found. `result.json` tells, lengths in metres,
+angles in radians, a pose as `x_m, y_m, yaw_rad`, null where something is not known:
+
+- `verdict`: `accepted` or `uncertain`; `reasons`: what speaks against the map.
+- `T_m0_m1` (the result, Eq. 3), `T_m0_m1_initial` (by the sighting alone, Eq. 2): pose of map 1 in map 0;
+  `T_m1_m0`, `T_m1_m0_initial`: their inverses; `T_m0_r1`: where robot 1 stood, in map 0.
+- `frame_error`: `theta_w`, that of the initial transform seen from C, which is `window_centre_m0` [x, y] with
+  the axes of map 0, so that `T_m0_m1 = C theta_w^-1 C^-1 T_m0_m1_initial`; null if none was looked for or
+  found. `covariance`: 3 x 3 of the components of what is left of it (`degrees_of_freedom` of Student's t,
+  null: normal). `ambiguous`: the maps fit in more than one way. `refined_by`: the `refine` asked for.
+- `sighting`: ways to read it, the best first: `T_r0_r1`, `covariance` (3 x 3, of `T_r0_r1^-1 T_true`), `mass`
+  (probability), `images` it rests on. `images`: of each its `name`, whether the robot was `found`, `score`,
+  the `reason` if not, and the `modes` it can be read by.
+- `overlap`: what both maps know, of what either does. `agreement_before`, `agreement_after` the refinement:
+  `wall_share` of walls that coincide, `conflict_share` of cells that contradict each other, and how many
+  cells each is about (`compared_cells`, `cells_known_in_both`).
+- `seconds` per part, `inputs` as given (sigmas and camera pose in metres and radians), `warnings`, `files`
+  beside the record, `versions` of packages.
+"""
 
 from __future__ import annotations
 
+import json
 import math
-import tempfile
+import re
 from importlib import metadata
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from pipeline.errors import ConfigError
 from pipeline.evaluation.canvas import encoded_png
 from pipeline.evaluation.fusion_figures import fusion_picture, sighting_picture
 from pipeline.fusion.agreement import MapAgreement
 from pipeline.fusion.verdict import spread_of
 from pipeline.geometry.occupancy_grid import OccupancyGrid
 from pipeline.geometry.se2 import SE2, Array
-from pipeline.interop.ros_map import write_ros_map
+from pipeline.interop.ros_map import ros_map_bytes
 from pipeline.pose_estimation.relative_pose import RelativePose
-from pipeline.stages.fuse import Fused
+from pipeline.stages.fuse import Fused, FuseRequest
 from pipeline.store.disk import Disk
 from pipeline.store.records import json_bytes
 
-_MAP, _PICTURE, _RECORD = "fused.yaml", "fused.png", "result.json"
+_MAP, _MAP_IMAGE, _PICTURE, _RECORD = "fused.yaml", "fused.pgm", "fused.png", "result.json"
+_PHOTOGRAPH = re.compile(r"image(_\d+)?\.png")
 _PACKAGES = ("rendezvous-fusion", "numpy", "opencv-python-headless", "torch")
 
 
 def write_fused(fused: Fused, out: Path) -> list[Path]:
-    """Write a fusion to a folder, each file wholly or not at all, `result.json` last.
+    """Write a fusion to a folder, `result.json` last; what an earlier one left there is replaced.
 
-    Pictures of an earlier fusion's images are removed.
+    All is written under other names first, so that a full disk costs nothing of the earlier fusion; a folder
+    with a record holds the files of that record and of no other fusion.
 
     Returns:
         The files.
 
     Raises:
+        ConfigError: a file would replace one that the fusion was made from.
         StoreError: the folder cannot be written.
     """
+    require_apart(fused.request, out)
     files = _map_files(fused.result.grid)
     files[_PICTURE] = encoded_png(fusion_picture(fused.meeting, fused.result))
     files |= _sighting_files(fused)
     files[_RECORD] = json_bytes(record_of(fused, sorted(files)))
     disk = Disk(str(out))
-    for name in disk.names():
-        if name == "image.png" or (name.startswith("image_") and name.endswith(".png")):
-            disk.remove(name)
-    for name, data in files.items():
-        disk.write(name, data)
+    try:
+        for name, data in files.items():
+            disk.write(_staged(name), data)
+        for name in (*_earlier_pictures(disk), _RECORD):
+            _remove(disk, name)
+        for name in files:
+            disk.move(_staged(name), name)
+    except BaseException:
+        for name in files:
+            _remove(disk, _staged(name))
+        raise
     return [out / name for name in files]
+
+
+def require_apart(request: FuseRequest, out: Path) -> None:
+    """Check that no file of the fusion would take the place of one that it is made from.
+
+    Raises:
+        ConfigError: names that file.
+    """
+    for given in (*request.maps, *request.images, request.camera):
+        if isinstance(given, str | Path) and _is_output(Path(given).resolve(), out.resolve()):
+            raise ConfigError(f"{given}: would be overwritten; must not be named so in --out {str(out)!r}")
+
+
+def _is_output(path: Path, out: Path) -> bool:
+    ours = path.name in (_MAP, _MAP_IMAGE, _PICTURE, _RECORD) or _PHOTOGRAPH.fullmatch(path.name)
+    return path.parent == out and bool(ours)
+
+
+def _staged(name: str) -> str:
+    return f"{name}.new"
+
+
+def _remove(disk: Disk, name: str) -> None:
+    if disk.size(name) is not None:
+        disk.remove(name)
+
+
+def _earlier_pictures(disk: Disk) -> list[str]:
+    """Pictures of an earlier fusion's images, as its record has them: other pictures are someone else's."""
+    if disk.size(_RECORD) is None:
+        return []
+    try:
+        names = json.loads(disk.read(_RECORD))["files"]
+        return [name for name in names if _PHOTOGRAPH.fullmatch(name)]
+    except (ValueError, KeyError, TypeError):  # no record of a fusion
+        return []
 
 
 def record_of(fused: Fused, files: list[str]) -> dict[str, Any]:
@@ -115,10 +184,8 @@ def summary(fused: Fused, out: Path) -> str:
 
 def _map_files(grid: OccupancyGrid) -> dict[str, bytes]:
     """The map's image and its YAML, the image first."""
-    with tempfile.TemporaryDirectory() as folder:
-        yaml_path = Path(folder) / _MAP
-        image_path = write_ros_map(grid, yaml_path)
-        return {path.name: path.read_bytes() for path in (image_path, yaml_path)}
+    image, header = ros_map_bytes(grid, _MAP_IMAGE)
+    return {_MAP_IMAGE: image, _MAP: header}
 
 
 def _sighting_files(fused: Fused) -> dict[str, bytes]:

@@ -107,6 +107,14 @@ def test_a_damaged_image_is_named_with_its_fault(tmp_path, data, message):
         _read(tmp_path, data)
 
 
+def test_a_decoder_says_nothing_of_its_own(tmp_path, capfd):
+    damaged = bytearray(_encoded(".png"))
+    damaged[-20] ^= 1
+    with pytest.raises(MapError, match="damaged or cut off"):
+        _read(tmp_path, bytes(damaged))
+    assert capfd.readouterr().err == ""
+
+
 @pytest.mark.parametrize("suffix", [".png", ".bmp", ".pgm"])
 def test_no_cut_goes_unnoticed(tmp_path, suffix):
     data = _encoded(suffix)

@@ -186,6 +186,13 @@ def test_a_negated_map_is_read_the_other_way_round(tmp_path):
             r": image cannot be read \(Is a directory\); must be PGM, PNG or BMP",
         ),
         ("image: map.pgm", "image: map.yaml", r"map\.yaml: \d+ bytes that are no PGM \(P2, P5\), PNG or BMP"),
+        ("image: map.pgm", "image: /dev/zero", r"image cannot be read \(Is no regular file\); must be PGM"),
+        ("image: map.pgm", 'image: "a\\0b"', "no file's name holds a zero byte"),
+        (
+            "image: map.pgm",
+            f"image: [{'[a, a, a, a], ' * 9}]",
+            r"image is .{99,103} \.\.\.; must be the path",
+        ),
         ("image: map.pgm", "image: 7", "image is 7; must be the path"),
         ("image: map.pgm", "image: ''", "image is ''; must be the path"),
         ("image: map.pgm\n", "", "no key 'image'"),
@@ -228,6 +235,12 @@ def test_a_file_that_is_no_yaml_is_named(tmp_path, data, message):
 def test_a_missing_map_and_a_folder_are_named(tmp_path, name, reason):
     with pytest.raises(MapError, match=rf"{tmp_path.name}.*: cannot be read as YAML \(.*{reason}"):
         read_ros_map(tmp_path / name, strict=False)
+
+
+def test_an_origin_that_looks_like_degrees_is_read_with_a_warning(tmp_path):
+    path = _altered(tmp_path, "origin: [-3.25, 1.5, 0.3]", "origin: [-3.25, 1.5, 90]")
+    with pytest.warns(UserWarning, match=r"yaw of 90 rad, .*90° are 1\.5708 rad"):
+        assert read_ros_map(path, strict=False).T_m_g.yaw_rad == 90.0
 
 
 @pytest.mark.parametrize("name", ["map1", "map2"])

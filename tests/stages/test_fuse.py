@@ -192,8 +192,8 @@ def test_by_default_the_camera_is_where_the_robot_has_it(given: Path):
     [
         (b"", "0 bytes that are no image"),
         (b"not an image at all", "19 bytes that are no image"),
-        ("half.png", "the image is cut short after"),
-        ("half.jpg", "the image is cut short after"),
+        ("half.png", "the image is damaged, or cut short after"),
+        ("half.jpg", "the image is damaged, or cut short after"),
         ("small", "image of 320 x 240 px; the camera is calibrated for 640 x 480 px"),
         (None, "no such file or directory; must be an image"),
     ],

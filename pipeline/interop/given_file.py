@@ -1,0 +1,31 @@
+"""Files that a user names, read without trusting the name."""
+
+from __future__ import annotations
+
+import errno
+import os
+import stat
+from pathlib import Path
+
+MOST_BYTES = 1 << 30
+"""More than any map or image that is read: 10,000 x 10,000 numbers of plain text take less."""
+
+
+def given_bytes(path: Path, *, most_bytes: int = MOST_BYTES) -> bytes:
+    """The bytes of a regular file.
+
+    A device or a pipe may never end, or never begin; neither is opened.
+
+    Raises:
+        OSError: it is missing, cannot be read, is no regular file or is too large; `strerror` says which.
+    """
+    if "\0" in str(path):
+        raise OSError(errno.EINVAL, "no file's name holds a zero byte")
+    found = os.stat(path)
+    if stat.S_ISDIR(found.st_mode):
+        raise IsADirectoryError(errno.EISDIR, "Is a directory")
+    if not stat.S_ISREG(found.st_mode):
+        raise OSError(errno.EINVAL, "Is no regular file")
+    if found.st_size > most_bytes:
+        raise OSError(errno.EFBIG, f"Has {found.st_size:,} bytes, more than {most_bytes:,}")
+    return path.read_bytes()

@@ -1,0 +1,39 @@
+import cv2
+import numpy as np
+import pytest
+
+from pipeline.interop.decoding import decoded, is_whole_png
+
+PNG = cv2.imencode(".png", np.random.default_rng(0).integers(0, 256, (9, 13), np.uint8))[1].tobytes()
+
+
+def test_a_whole_image_is_whole_whatever_follows_it():
+    assert is_whole_png(PNG)
+    assert is_whole_png(PNG + b"more")
+
+
+def test_no_cut_and_no_damage_goes_unnoticed():
+    for place in range(len(PNG)):
+        assert not is_whole_png(PNG[:place])
+        damaged = bytearray(PNG)
+        damaged[place] ^= 0x40
+        assert not is_whole_png(bytes(damaged))
+
+
+def test_another_file_is_none():
+    assert not is_whole_png(b"P5\n1 1\n255\n\0")
+
+
+@pytest.mark.parametrize("suffix", [".png", ".bmp", ".webp", ".tiff"])
+def test_what_cannot_be_decoded_is_none_and_silent(suffix: str, capfd):
+    level = cv2.utils.logging.getLogLevel()
+    whole = cv2.imencode(suffix, np.zeros((90, 120, 3), np.uint8))[1].tobytes()
+    assert decoded(whole, cv2.IMREAD_COLOR).shape == (90, 120, 3)
+    assert decoded(whole[: len(whole) // 2], cv2.IMREAD_COLOR) is None
+    assert capfd.readouterr().err == ""
+    assert cv2.utils.logging.getLogLevel() == level
+
+
+def test_no_bytes_and_too_many_pixels_are_none():
+    assert decoded(b"", cv2.IMREAD_COLOR) is None
+    assert decoded(b"P5\n99999 99999\n255\n", cv2.IMREAD_COLOR) is None
