@@ -19,6 +19,7 @@ BENCHMARKS = (
     "rendering",
     "baselines",
     "training",
+    "fuse",
 )
 
 

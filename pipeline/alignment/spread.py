@@ -10,9 +10,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from scipy.special import gammaln
-from scipy.stats import chi2
-from scipy.stats import f as f_distribution
+from scipy.special import chdtr, fdtr, gammaln  # scipy.stats takes half a second to import
 
 from pipeline.geometry.se2 import Array
 
@@ -43,8 +41,8 @@ def ellipsoid_probability(nees_N: Array, degrees_of_freedom_N: Array) -> Array:
     """
     normal = np.isinf(degrees_of_freedom_N)
     nu = np.where(normal, 3.0, degrees_of_freedom_N)
-    heavy = f_distribution.cdf(nees_N / _COMPONENTS * nu / (nu - 2.0), _COMPONENTS, nu)
-    return np.where(normal, chi2.cdf(nees_N, _COMPONENTS), heavy)
+    heavy = fdtr(_COMPONENTS, nu, nees_N / _COMPONENTS * nu / (nu - 2.0))
+    return np.where(normal, chdtr(_COMPONENTS, nees_N), heavy)
 
 
 def log_density(error: Array, covariance: Array, degrees_of_freedom_N: Array) -> Array:

@@ -89,9 +89,18 @@ def map_panel(
 
 def sampled(grid: OccupancyGrid, T_d_m: SE2, view: View, size_px: tuple[int, int]) -> Image:
     """(2H, 2W) the map's values at twice the panel's pixels, in the panel's frame d."""
-    width_px, height_px = size_px
-    u, v = np.meshgrid(np.arange(2 * width_px) / 2.0, np.arange(2 * height_px) / 2.0)
-    return grid.sample(T_d_m.inverse() @ view.p_m(np.stack([u, v], axis=-1)))
+    # From pixels to cells is an affine map: sums of a row and a column instead of products at each pixel.
+    T_g_d = (T_d_m @ grid.T_m_g).inverse()
+    first, along_u, along_v = (
+        T_g_d @ view.p_m(np.array([[0.0, 0.0], [0.5, 0.0], [0.0, 0.5]])) / grid.resolution_m
+    )
+    u, v = (np.arange(2 * px) for px in size_px)
+    col, row = (
+        np.clip(np.floor(at + (du - at) * u + ((dv - at) * v)[:, None]), -1, cells).astype(np.intp)
+        for at, du, dv, cells in zip(first, along_u, along_v, grid.cells.shape[::-1], strict=True)
+    )
+    bordered = np.pad(grid.cells, 1, constant_values=UNKNOWN)
+    return bordered[row + 1, col + 1]
 
 
 def _greys(cells: Image) -> Image:

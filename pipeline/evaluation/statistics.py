@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from pipeline.geometry.se2 import Array
 
@@ -45,7 +45,7 @@ def wilson_interval(successes: int, trials: int, *, level: float = LEVEL) -> Int
     """A share with Wilson's score interval (1927), which takes trials as independent."""
     if not trials:
         return NOTHING
-    z, share = float(norm.ppf(0.5 + level / 2.0)), successes / trials
+    z, share = float(ndtri(0.5 + level / 2.0)), successes / trials
     middle = (share + z * z / (2.0 * trials)) / (1.0 + z * z / trials)
     half = z / (1.0 + z * z / trials) * math.sqrt(share * (1.0 - share) / trials + (z / (2.0 * trials)) ** 2)
     return Interval(value=share, low=max(0.0, middle - half), high=min(1.0, middle + half))

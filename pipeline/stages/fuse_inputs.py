@@ -23,6 +23,9 @@ MapLike = str | Path | OccupancyGrid
 ImageLike = str | Path | Image
 CameraLike = str | Path | CameraInfo | PinholeCamera
 
+FOCAL_SHARES = 0.1, 20.0
+"""Focal lengths of lenses, of the image's side: a view of 157° to 3°."""
+
 _JPEG_START, _JPEG_END = b"\xff\xd8", b"\xff\xd9"
 _TAIL_BYTES = 1024
 """So little may follow the end of a JPEG."""
@@ -58,8 +61,25 @@ def read_camera(given: CameraLike) -> CameraInfo:
     """A calibration of ROS, or the camera that is given; a pinhole camera has no distortion.
 
     Raises:
-        CameraError: the file is missing or no calibration.
+        CameraError: the file is missing or no calibration, or no lens has its focal lengths.
     """
+    info = _camera_info(given)
+    camera = info.camera
+    for axis, focal_px, side_px in (
+        ("fx", camera.fx_px, camera.width_px),
+        ("fy", camera.fy_px, camera.height_px),
+    ):
+        low_px, high_px = (share * side_px for share in FOCAL_SHARES)
+        if not low_px <= focal_px <= high_px:
+            name = given if isinstance(given, str | Path) else "camera"
+            raise CameraError(
+                f"{name}: {axis} is {focal_px:g} px for an image of {side_px} px; must be from {low_px:g} to "
+                f"{high_px:g} px"
+            )
+    return info
+
+
+def _camera_info(given: CameraLike) -> CameraInfo:
     if isinstance(given, CameraInfo):
         return given
     if isinstance(given, PinholeCamera):

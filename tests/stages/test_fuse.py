@@ -310,6 +310,16 @@ def test_a_wrong_command_is_one_line_and_exit_2(given: Path, more: list[str], sa
     assert said in shown.stderr
 
 
+def test_a_heavy_package_that_it_needs_only_a_little_of_is_left_out():
+    """`scipy.stats` takes half of the start; its distributions are in `scipy.special` as well."""
+    code = (
+        "import sys, pipeline.stages.fuse, pipeline.stages.fuse_outputs\n"
+        "print({'scipy.stats', 'torch'} & set(sys.modules))"
+    )
+    shown = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
+    assert shown.stdout == "set()\n"
+
+
 def test_wrong_options_are_told_before_anything_heavy_is_imported():
     code = (
         "import sys; from pipeline.cli import main\n"

@@ -3,6 +3,7 @@
 import math
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -19,6 +20,7 @@ from pipeline.geometry.se2 import SE2
 from tests.conftest import ROOT
 from tests.fusion.test_system import T_R0_R1
 from tests.stages.test_fuse import POSES, Seeing, arguments, given, maps, option
+from tests.synthetic import CAMERA
 
 __all__ = ["given"]  # a fixture
 
@@ -128,6 +130,15 @@ def test_a_wrong_argument_is_told_as_such(given: Path, change: dict, error: type
     right = {"map0": map_0, "map1": map_1, **POSES, "relative": T_R0_R1, "refine": "none"}
     with pytest.raises(error, match=said):
         fuse(**(right | change))
+
+
+@pytest.mark.parametrize(("fx_px", "fy_px", "said"), [(1e-9, 600.0, "fx is 1e-09"), (600.0, 1e300, "fy is")])
+def test_a_camera_that_no_lens_makes_is_told(given: Path, fx_px: float, fy_px: float, said: str):
+    camera = replace(CAMERA, fx_px=fx_px, fy_px=fy_px)
+    with pytest.raises(
+        CameraError, match=rf"camera: {said}.* px for an image of \d+ px; must be from \d+ to"
+    ):
+        fuse(*maps(given), **POSES, image=given / "image.png", camera=camera, pose_estimator=Seeing(T_R0_R1))
 
 
 def test_an_image_that_no_decoder_takes_is_told_in_one_line(given: Path, tmp_path: Path, capfd):

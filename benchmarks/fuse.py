@@ -1,0 +1,209 @@
+"""`rendezvous fuse`: its start, and each part of one fusion on one core once all is loaded."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import resource
+import statistics
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import cv2
+import numpy as np
+import pyarrow.parquet as pq
+import torch
+
+from benchmarks.scene import ROOT
+from benchmarks.training import synthetic_pairs
+from pipeline.errors import StoreError
+from pipeline.evaluation.canvas import encoded_png
+from pipeline.evaluation.fusion_figures import fusion_picture
+from pipeline.fusion.meeting import Meeting
+from pipeline.fusion.refinement import Refinement, Refiner
+from pipeline.fusion.sighted_pose import SightedPose
+from pipeline.fusion.system import fuse_maps
+from pipeline.geometry.se2 import SE2
+from pipeline.interop.ros_map import write_ros_map
+from pipeline.pose_estimation.relative_pose import ImagePoseEstimator
+from pipeline.schema import PAIRS
+from pipeline.stages.export_sighting import export_sighting
+from pipeline.stages.fuse import FuseRequest, _refiner, fused
+from pipeline.stages.fuse_inputs import mounting, read_camera, read_map, read_photograph
+from pipeline.stages.fuse_outputs import write_fused
+from pipeline.stages.pose_source import PoseWeights
+
+TARGET_S, TARGET_START_S = 1.0, 3.0
+SIGHTINGS = 5
+TRIES = 3
+DATASET = ROOT / "data" / "dataset"
+SIGMA = (0.10, 0.05, math.radians(8.0))
+"""Standard deviations [m, m, rad] of the relative pose: about as an image gives it."""
+
+DEFAULT = ("read maps", "read image", "see", "refine auto", "merge", "check", "draw and write")
+"""What `rendezvous fuse` does by default."""
+
+_IMPORTS = "import pipeline.cli, pipeline.stages.fuse as fuse, pipeline.stages.fuse_outputs"
+_START = {
+    "without a network": _IMPORTS,
+    "with the matcher": f"{_IMPORTS}; fuse._refiner(fuse.Refinement.AUTO)",
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Sighting:
+    """Two maps, and an image with its camera if there is one, in a folder; and where the robots stood."""
+
+    folder: Path
+    T_m0_r0: SE2
+    T_m1_r1: SE2
+    T_r0_r1: SE2
+
+
+@dataclass(slots=True)
+class _Costs:
+    """Seconds of the processor and of the clock that each part took each time."""
+
+    cpu: dict[str, list[float]] = field(default_factory=dict)
+    wall: dict[str, list[float]] = field(default_factory=dict)
+
+    @contextmanager
+    def part(self, name: str) -> Iterator[None]:
+        cpu_s, wall_s = time.process_time(), time.perf_counter()
+        yield
+        self.cpu.setdefault(name, []).append(time.process_time() - cpu_s)
+        self.wall.setdefault(name, []).append(time.perf_counter() - wall_s)
+
+
+def measure(options: argparse.Namespace) -> dict[str, Any]:
+    """Medians over sightings; the processor's time tells more on a machine that does other work as well."""
+    torch.set_num_threads(1)
+    cv2.setNumThreads(1)
+    estimator = _pose_estimator()
+    refiners = {refine: _refiner(refine) for refine in Refinement}
+    costs = _Costs()
+    with TemporaryDirectory() as name:
+        sightings = list(_published(Path(name))) if DATASET.is_dir() else [_synthetic(Path(name))]
+        _fuse(sightings[0], estimator, refiners, _Costs())  # compiles
+        for sighting in sightings:
+            _fuse(sighting, estimator, refiners, costs)
+    total_s = sum(statistics.median(costs.cpu[part]) for part in DEFAULT if part in costs.cpu)
+    return {
+        "sightings": f"{len(sightings)} of {'data/dataset' if DATASET.is_dir() else 'a synthetic pair'}",
+        "start_s": {name: _start_s(code) for name, code in _START.items()} | {"target": TARGET_START_S},
+        "ms_of_processor": _medians_ms(costs.cpu),
+        "ms_of_clock": _medians_ms(costs.wall),
+        "fuse": {
+            "parts": [part for part in DEFAULT if part in costs.cpu],
+            "s_of_processor": round(total_s, 3),
+            "target": TARGET_S,
+        },
+    }
+
+
+def _fuse(
+    sighting: _Sighting,
+    estimator: ImagePoseEstimator | None,
+    refiners: Mapping[Refinement, Refiner | None],
+    costs: _Costs,
+) -> None:
+    maps = sighting.folder / "map0.yaml", sighting.folder / "map1.yaml"
+    with costs.part("read maps"):
+        grid_0, grid_1 = (read_map(path, strict=False) for path in maps)
+    if estimator is not None:
+        _see(sighting.folder, estimator, costs)
+    meeting = Meeting(grid_0=grid_0, grid_1=grid_1, T_m0_r0=sighting.T_m0_r0, T_m1_r1=sighting.T_m1_r1)
+    sighted = SightedPose.given(sighting.T_r0_r1, np.diag(np.square(SIGMA)))
+    for refine, refiner in refiners.items():
+        refining = f"refine {refine}"
+        result = fuse_maps(
+            meeting,
+            sighted,
+            refiner,
+            part=lambda name, refining=refining: costs.part(refining if name == "refine" else name),
+        )
+    with costs.part("draw"):
+        encoded_png(fusion_picture(meeting, result))
+    found = fused(
+        FuseRequest(
+            maps=maps,
+            T_m0_r0=sighting.T_m0_r0,
+            T_m1_r1=sighting.T_m1_r1,
+            T_r0_r1=sighting.T_r0_r1,
+            refine=Refinement.NONE,
+        )
+    )
+    with costs.part("draw and write"):
+        write_fused(found, sighting.folder / "out")
+
+
+def _see(folder: Path, estimator: ImagePoseEstimator, costs: _Costs) -> None:
+    """The image as `fuse` reads and sees it; nothing for a sighting without one."""
+    if not (folder / "image.png").is_file():
+        return
+    with costs.part("read image"):
+        camera = read_camera(folder / "camera.yaml")
+        shot = read_photograph(folder / "image.png", camera, number=0)
+    T_r0_c = mounting(None, "burger")
+    with costs.part("see"):
+        estimator(shot.image, camera.camera, T_r0_c)
+
+
+def _pose_estimator() -> ImagePoseEstimator | None:
+    """The trained one, if there are weights."""
+    try:
+        return PoseWeights.found(None).estimator(floor=True)
+    except StoreError:
+        return None
+
+
+def _published(folder: Path) -> Iterator[_Sighting]:
+    """The first of the test split, as files."""
+    path = min((DATASET / "pairs").glob("test-*.parquet"))
+    columns = ["pair_id", "T_m0_r0", "T_m1_r1", "T_r0_r1_true"]
+    for row in PAIRS.rows(pq.read_table(path, columns=columns).slice(0, SIGHTINGS)):
+        out = folder / row["pair_id"]
+        export_sighting(str(DATASET), row["pair_id"], out)
+        yield _Sighting(
+            folder=out, T_m0_r0=row["T_m0_r0"], T_m1_r1=row["T_m1_r1"], T_r0_r1=row["T_r0_r1_true"]
+        )
+
+
+def _synthetic(folder: Path) -> _Sighting:
+    """A room that is seen twice."""
+    pair = synthetic_pairs()[0]
+    assert pair.T_m0_r0 is not None
+    for i, grid in enumerate((pair.grid_0, pair.grid_1)):
+        write_ros_map(grid, folder / f"map{i}.yaml")
+    return _Sighting(
+        folder=folder,
+        T_m0_r0=pair.T_m0_r0,
+        T_m1_r1=pair.T_m1_r1,
+        T_r0_r1=pair.T_m0_r0.inverse() @ pair.T_m0_r1,
+    )
+
+
+def _start_s(code: str) -> dict[str, float]:
+    """Median seconds of some tries after one that fills the caches."""
+    cpu_s, wall_s = [], []
+    for _ in range(1 + TRIES):
+        before, started_s = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
+        subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=True)
+        wall_s.append(time.perf_counter() - started_s)
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+        cpu_s.append(after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime)
+    return {
+        "of_processor": round(statistics.median(cpu_s[1:]), 2),
+        "of_clock": round(statistics.median(wall_s[1:]), 2),
+    }
+
+
+def _medians_ms(seconds: Mapping[str, list[float]]) -> dict[str, float]:
+    return {part: round(1e3 * statistics.median(times_s), 1) for part, times_s in seconds.items()}
