@@ -34,6 +34,13 @@ def test_what_cannot_be_decoded_is_none_and_silent(suffix: str, capfd):
     assert cv2.utils.logging.getLogLevel() == level
 
 
+def test_a_damaged_png_is_none_and_silent(capfd):
+    damaged = bytearray(PNG)
+    damaged[len(PNG) // 2] ^= 0x40
+    assert decoded(bytes(damaged), cv2.IMREAD_COLOR) is None
+    assert capfd.readouterr().err == ""
+
+
 def test_no_bytes_and_too_many_pixels_are_none():
     assert decoded(b"", cv2.IMREAD_COLOR) is None
     assert decoded(b"P5\n99999 99999\n255\n", cv2.IMREAD_COLOR) is None
