@@ -19,10 +19,10 @@ def fuse(
     map1: Annotated[Path, typer.Option("--map1", help="YAML of robot 1's ROS map.")],
     pose0: Annotated[
         str,
-        typer.Option("--pose0", metavar="X,Y,YAW", help="Robot 0 in its map as it sees robot 1 [m, m, rad]."),
+        typer.Option("--pose0", metavar="X,Y,YAW", help="Robot 0 in its map as it sees robot 1 (m, m, rad)."),
     ],
     pose1: Annotated[
-        str, typer.Option("--pose1", metavar="X,Y,YAW", help="Robot 1 in its map at that time [m, m, rad].")
+        str, typer.Option("--pose1", metavar="X,Y,YAW", help="Robot 1 in its map at that time (m, m, rad).")
     ],
     image: Annotated[
         list[Path], typer.Option("--image", help="What robot 0 saw; may be repeated for one sighting.")
@@ -35,7 +35,7 @@ def fuse(
         typer.Option(
             "--camera-pose",
             metavar="X,Y,Z,ROLL,PITCH,YAW",
-            help="The camera's body, x forward, on robot 0 [m, rad]; as on --robot by default.",
+            help="The camera's body, x forward, on robot 0 (m, rad); as on --robot by default.",
         ),
     ] = None,
     robot: Annotated[str, typer.Option("--robot", help="A shipped robot or a robot file.")] = "burger",
@@ -44,13 +44,13 @@ def fuse(
         typer.Option(
             "--relative",
             metavar="X,Y,YAW",
-            help="Robot 1 in robot 0's frame [m, m, rad], instead of an image.",
+            help="Robot 1 in robot 0's frame (m, m, rad), instead of an image.",
         ),
     ] = None,
     relative_sigma: Annotated[
         str | None,
         typer.Option(
-            "--relative-sigma", metavar="X_M,Y_M,YAW_DEG", help="Its standard deviations [m, m, degrees]."
+            "--relative-sigma", metavar="X_M,Y_M,YAW_DEG", help="Its standard deviations (m, m, degrees)."
         ),
     ] = None,
     refine: Annotated[
