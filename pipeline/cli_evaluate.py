@@ -18,6 +18,9 @@ Record = Annotated[
 Records = Annotated[
     Path | None, typer.Option("--records", help="Folder of kept figures, instead of that in assets/metrics.")
 ]
+Unseen = Annotated[
+    bool, typer.Option("--unseen", help="Leave out floor plans that the weights were trained on.")
+]
 PoseWeightsPath = Annotated[
     Path | None,
     typer.Option("--weights", help="Of the relative pose; runs/relative-pose, then the shipped ones."),
@@ -37,6 +40,7 @@ def evaluate_pose(
     floor: Annotated[
         bool | None, typer.Option("--floor/--no-floor", help="Whether the floor is known; both by default.")
     ] = None,
+    unseen: Unseen = False,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Of the draw of images.")] = 0,
     folder: Report = Path("report"),
     record: Record = False,
@@ -55,6 +59,7 @@ def evaluate_pose(
             kinds=_names(images),
             weights=weights,
             floor=floor,
+            unseen=unseen,
             seed=seed,
             folder=folder,
             workers=workers,
@@ -123,6 +128,7 @@ def evaluate_fusion(
         str, typer.Option("--methods", help="none,hough,orb,correlative,learned,auto; all by default.")
     ] = "",
     weights: PoseWeightsPath = None,
+    unseen: Unseen = False,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Of the draw of rendezvous.")] = 0,
     folder: Report = Path("report"),
     record: Record = False,
@@ -140,6 +146,7 @@ def evaluate_fusion(
             count=count,
             methods=_names(methods),
             weights=weights,
+            unseen=unseen,
             seed=seed,
             folder=folder,
             workers=workers,

@@ -170,7 +170,12 @@ def plans_trained_on(record: Mapping[str, Any], plans: Mapping[str, str]) -> int
         plans: digests by the plan's id.
     """
     known = record["data"].get("plan_digests")
-    return None if known is None else sum(digest.startswith(tuple(known)) for digest in plans.values())
+    return None if known is None else sum(trained_on(record, digest) for digest in plans.values())
+
+
+def trained_on(record: Mapping[str, Any], plan_digest: str) -> bool:
+    """Whether a trained method's record names this floor plan."""
+    return plan_digest.startswith(tuple(record.get("data", {}).get("plan_digests") or ()))
 
 
 def _curve(weights: Path, record: Mapping[str, Any]) -> TrainingCurve | None:

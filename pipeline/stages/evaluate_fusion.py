@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +20,7 @@ from pipeline.evaluation.recorded_figures import ImageConditions, RecordedFigure
 from pipeline.evaluation.report_fusion import FusionContent, chosen_rendezvous, fusion_part, run_name
 from pipeline.seeds import stream
 from pipeline.stages.estimators import ROOT, Method, chosen_methods, plans_trained_on, trained
-from pipeline.stages.evaluate_pose import image_conditions, require_split
+from pipeline.stages.evaluate_pose import image_conditions, require_split, unseen_images
 from pipeline.stages.measured_fusions import (
     LEARNED,
     FusionCase,
@@ -57,6 +57,7 @@ class FusionEvaluation:
         workers: processes.
         records: folder of recorded figures.
         record: whether to keep what is measured now among them.
+        unseen: whether to leave out floor plans that the weights were trained on.
         source: what makes the estimator of the relative pose, instead of weights.
         console: where to tell.
     """
@@ -71,6 +72,7 @@ class FusionEvaluation:
     workers: int = 1
     records: Path = FUSION_RECORDS
     record: bool = False
+    unseen: bool = False
     source: PoseSource | None = None
     console: Console = field(default_factory=lambda: Console(stderr=True))
 
@@ -95,6 +97,8 @@ def evaluate_fusion(settings: FusionEvaluation) -> Path:
     setup = _setup(settings)
     setup.source.estimator(floor=True)
     setup.refiners()
+    if settings.unseen:
+        cases = _unseen(cases, setup, settings)
     conditions = _conditions(cases, setup, settings)
     recorded = FiguresFolder.read(settings.records, FusionFigures, command="evaluate-fusion")
     names = [run_name(run) for run in runs_of(setup.methods)]
@@ -126,6 +130,21 @@ def _cases(settings: FusionEvaluation) -> FusionCases:
     if not drawn:
         raise StoreError(f"{settings.dataset}: no image of split {settings.split} shows the other robot")
     return FusionCases(pairs=pairs, indices=tuple(drawn), images=tuple(by_id[ids[index]] for index in drawn))
+
+
+def _unseen(cases: FusionCases, setup: FusionSetup, settings: FusionEvaluation) -> FusionCases:
+    """The rendezvous on floor plans that no weights were trained on."""
+    records: list[Mapping[str, Any]] = [setup.source.record()]
+    if setup.matcher is not None:
+        records.append(trained(setup.matcher, threads=1).record)
+    kept = {i.truth.image_id for i in unseen_images(cases.images, records, settings.console)}
+    both = [
+        (index, image)
+        for index, image in zip(cases.indices, cases.images, strict=True)
+        if image.truth.image_id in kept
+    ]
+    indices, images = zip(*both, strict=True)
+    return replace(cases, indices=indices, images=images)
 
 
 def _setup(settings: FusionEvaluation) -> FusionSetup:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
-from pipeline.errors import ConfigError
+from pipeline.errors import ConfigError, StoreError
 from pipeline.evaluation.pose_errors import PoseOutcomes
 from pipeline.evaluation.pose_gallery import PoseShown, chosen_images, pose_shown
 from pipeline.evaluation.pose_summary import PoseSummary, pose_summary
@@ -19,7 +19,7 @@ from pipeline.evaluation.report_pose import FloorGain, PoseContent, pose_part
 from pipeline.evaluation.report_pose_tables import VARIANTS
 from pipeline.evaluation.statistics import bootstrap_mean, resample_weights
 from pipeline.seeds import stream
-from pipeline.stages.estimators import ROOT, plans_trained_on
+from pipeline.stages.estimators import ROOT, plans_trained_on, trained_on
 from pipeline.stages.measured_poses import PoseVariant, measured_poses
 from pipeline.stages.pose_source import PoseSource, PoseWeights
 from pipeline.stages.provenance import commit, hardware, versions
@@ -50,6 +50,7 @@ class PoseEvaluation:
         workers: processes.
         records: folder of recorded figures.
         record: whether to keep what is measured now among them.
+        unseen: whether to leave out floor plans that the weights were trained on.
         source: what makes the estimator, instead of weights.
         console: where to tell.
     """
@@ -65,6 +66,7 @@ class PoseEvaluation:
     workers: int = 1
     records: Path = POSE_RECORDS
     record: bool = False
+    unseen: bool = False
     source: PoseSource | None = None
     console: Console = field(default_factory=lambda: Console(stderr=True))
 
@@ -89,6 +91,8 @@ def evaluate_pose(settings: PoseEvaluation) -> Path:
     floors = (True, False) if settings.floor is None else (settings.floor,)
     variants = [PoseVariant(source=source, floor=floor) for floor in floors]
     variants[0].source.estimator(floor=variants[0].floor)
+    if settings.unseen:
+        images = unseen_images(images, [source.record()], settings.console)
     conditions = image_conditions(
         images, settings.split, settings.seed, {"relative pose": source}, settings.console
     )
@@ -137,6 +141,31 @@ def require_split(split: str) -> None:
     """
     if split not in SPLIT_NAMES:
         raise ConfigError(f"--split is {split!r}; must be one of {', '.join(SPLIT_NAMES)}")
+
+
+def unseen_images(
+    images: Sequence[SeenImage], records: Sequence[Mapping[str, Any]], console: Console
+) -> list[SeenImage]:
+    """The images of floor plans that no weights were trained on.
+
+    Args:
+        images: of all plans.
+        records: what each of the weights tells of its training.
+        console: where to tell how many are left out.
+
+    Raises:
+        StoreError: there are none.
+    """
+    unseen = [i for i in images if not any(trained_on(record, i.plan_digest) for record in records)]
+    if not unseen:
+        raise StoreError(f"the weights were trained on the floor plans of all {len(images)} images")
+    console.print(
+        f"evaluate: left out {len(images) - len(unseen)} of {len(images)} images, of floor plans that the "
+        "weights were trained on",
+        highlight=False,
+        soft_wrap=True,
+    )
+    return unseen
 
 
 def image_conditions(

@@ -122,6 +122,19 @@ def test_plans_that_the_estimator_knows_are_told(data, images, tmp_path):
     assert metrics["conditions"]["trained_on"] == {"relative pose": 1}
 
 
+def test_plans_that_the_estimator_knows_are_left_out_if_asked(data, images, tmp_path):
+    known = images[0].plan_digest[:8]
+    seen = sum(image.plan_digest.startswith(known) for image in images)
+    source = ToySource.of(images, plans=(known,))
+    metrics, told = _evaluated(data, tmp_path, source, unseen=True)
+    assert f"left out {seen} of {len(images)} images" in told
+    assert metrics["conditions"]["images"] == len(images) - seen
+    assert metrics["conditions"]["trained_on"] == {"relative pose": 0}
+    every = tuple({image.plan_digest[:8] for image in images})
+    with pytest.raises(StoreError, match="trained on the floor plans of all"):
+        _evaluated(data, tmp_path, ToySource.of(images, plans=every), unseen=True)
+
+
 def test_a_larger_draw_holds_a_smaller_one(data, images):
     reader = StageReader(f"{data}/dataset")
     few, more = (
