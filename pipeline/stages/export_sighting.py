@@ -11,6 +11,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+import pyarrow as pa
 
 from pipeline.errors import StoreError
 from pipeline.geometry.camera import R_BODY_OPTICAL, PinholeCamera
@@ -28,6 +29,8 @@ _COLUMNS = (
     *("T_r0_r1_true", "K", "image_width_px", "image_height_px", "T_r0_c", "image"),
 )
 _COMMAND = "command.txt"
+WHOLE = 0.95
+"""Visibility of a robot that is wholly seen, but for a few pixels."""
 
 
 def export_sighting(dataset: str, pair_id: str | None, out: Path) -> str:
@@ -37,7 +40,8 @@ def export_sighting(dataset: str, pair_id: str | None, out: Path) -> str:
 
     Args:
         dataset: folder that `pack` wrote.
-        pair_id: of the sighting; None: the first one of the test split, or of another if that has none.
+        pair_id: of the sighting; None: the first one of the test split, or of another if that has none, whose
+            image shows the whole robot, or else the first.
         out: folder to write to.
 
     Returns:
@@ -74,13 +78,19 @@ def _row(reader: StageReader, pair_id: str | None) -> Mapping[str, Any]:
     )
     known: list[str] = []
     for name in names:
-        pair_ids: list[str] = reader.table(name, columns=("pair_id",))["pair_id"].to_pylist()
+        table = reader.table(name, columns=("pair_id", "visibility"))
+        pair_ids: list[str] = table["pair_id"].to_pylist()
         known += pair_ids
         if pair_ids and (pair_id is None or pair_id in pair_ids):
-            index = 0 if pair_id is None else pair_ids.index(pair_id)
+            index = _best_seen(table) if pair_id is None else pair_ids.index(pair_id)
             return PAIRS.rows(reader.table(name, columns=_COLUMNS).slice(index, 1))[0]
     near = difflib.get_close_matches(pair_id or "", known, n=3) or known[:3]
     raise StoreError(f"{reader.root}: no pair {pair_id!r}; there are {', '.join(near)}, ...")
+
+
+def _best_seen(table: pa.Table) -> int:
+    """The first row whose image shows the whole robot; the first of all if none does."""
+    return next((i for i, share in enumerate(table["visibility"].to_pylist()) if (share or 0.0) >= WHOLE), 0)
 
 
 def _camera(row: Mapping[str, Any]) -> PinholeCamera:

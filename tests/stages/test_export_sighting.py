@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
 import pytest
 from typer.testing import CliRunner
 
@@ -16,7 +17,7 @@ from pipeline.geometry.se2 import SE2
 from pipeline.interop.camera_info import read_camera_info
 from pipeline.interop.ros_map import read_ros_map
 from pipeline.schema import PAIRS
-from pipeline.stages.export_sighting import export_sighting
+from pipeline.stages.export_sighting import _best_seen, export_sighting
 from pipeline.stages.pack import pack
 from pipeline.store.read import StageReader
 from tests.stages.published_images import exported, rendezvous
@@ -34,9 +35,14 @@ def seen(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def row_of(dataset: Path) -> dict:
     """The first of the test split."""
+    return rows_of(dataset)[0]
+
+
+def rows_of(dataset: Path) -> list[dict]:
+    """Of the first file of the test split."""
     reader = StageReader(str(dataset), "pack")
     names = sorted(shard.name for shard in reader.shards() if shard.name.startswith("pairs/test-"))
-    return PAIRS.rows(reader.table(names[0]))[0]
+    return PAIRS.rows(reader.table(names[0]))
 
 
 def options(command: str) -> dict[str, str]:
@@ -63,11 +69,20 @@ def test_maps_poses_image_and_camera_are_those_of_the_row(seen: Path, tmp_path: 
     assert Path(told["--image"]).read_bytes().startswith(b"\x89PNG")
 
 
-def test_without_a_name_it_is_the_first_of_the_test_split(seen: Path, tmp_path: Path):
+def test_without_a_name_it_is_the_first_that_shows_the_whole_robot(seen: Path, tmp_path: Path):
+    rows = rows_of(seen)
+    whole = [row["visibility"] >= 0.95 for row in rows]
+    assert not all(whole)
+    chosen = rows[whole.index(True) if any(whole) else 0]
     told = exported("sighting", "--out", tmp_path / "one", seen)
     assert told.replace("/one/", "/two/") == exported(
-        "sighting", "--out", tmp_path / "two", "--pair", row_of(seen)["pair_id"], seen
+        "sighting", "--out", tmp_path / "two", "--pair", chosen["pair_id"], seen
     )
+
+
+@pytest.mark.parametrize(("shares", "index"), [([0.5, None, 0.97, 1.0], 2), ([0.5, 0.9], 0), ([None], 0)])
+def test_the_whole_robot_comes_before_a_part_of_it(shares, index):
+    assert _best_seen(pa.table({"visibility": pa.array(shares, pa.float64())})) == index
 
 
 def test_a_name_that_is_not_there_is_told(seen: Path, tmp_path: Path):
