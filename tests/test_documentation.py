@@ -4,16 +4,21 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from pipeline.documentation import ROOT, documented
+from pipeline.geometry.se2 import SE2
 from pipeline.schema import PAIRS, POSES
+from pipeline.stages.export_sighting import export_sighting
 from pipeline.stages.pack import pack
+from pipeline.stages.pose_source import PoseWeights
+from tests.stages.test_fuse import Seeing
 from tests.synthetic_dataset import explored, synthetic_run
 
 README = (ROOT / "README.md").read_text()
-EXAMPLES = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
+FUSE_EXAMPLE, *EXAMPLES = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
 
 
 def test_the_readme_says_what_the_code_says():
@@ -34,7 +39,7 @@ def test_every_file_that_the_readme_links_to_exists():
 
 def test_the_pictures_suit_a_readme():
     sizes = [path.stat().st_size for path in (ROOT / "docs" / "images").iterdir()]
-    assert len(sizes) == 2
+    assert len(sizes) == 3
     assert max(sizes) < 400_000
 
 
@@ -57,6 +62,16 @@ def test_the_examples_run(example, folder):
         check=False,
     )
     assert done.returncode == 0, done.stderr[-2000:]
+
+
+def test_the_example_of_fuse_runs_on_a_sighting_of_the_dataset(folder, monkeypatch, capsys):
+    export_sighting(str(folder / "data" / "dataset"), None, folder / "report" / "sighting")
+    monkeypatch.chdir(folder)
+    # The synthetic picture shows no robot.
+    seeing = Seeing(SE2(1.0, 0.2, 2.0))
+    monkeypatch.setattr(PoseWeights, "found", lambda path: SimpleNamespace(estimator=lambda *, floor: seeing))
+    exec(FUSE_EXAMPLE, {})
+    assert re.match(r"SE2\(x_m=.*\) (accepted|uncertain: )", capsys.readouterr().out)
 
 
 def test_there_is_an_example_for_every_program():

@@ -131,7 +131,7 @@ def test_wrong_settings_are_told_before_any_data_is_read(tmp_path: Path, change:
     ("change", "said"),
     [
         ("train_pose.settings={stages: 1}", "begun with train_pose.settings.stages 2, now it is 1"),
-        ("train_pose.sampling={close_share: 0.1}", "begun with train_pose.sampling.close_share 0.5, now"),
+        ("train_pose.sampling={close_share: 0.1}", "begun with train_pose.sampling.close_share 0.7, now"),
         ("seed=3", "begun with seed 0, now it is 3"),
     ],
 )
