@@ -36,11 +36,11 @@ inspect: $(READY)  ## draw contact sheets of DATA/dataset to report/
 evaluate: $(READY)  ## measure relative pose, frame error and fusion on DATA/dataset, report to report/index.html
 	$(RENDEZVOUS) evaluate-all --data $(DATA) $(if $(WORKERS),--workers $(WORKERS))
 
-test: $(READY)  ## all tests
-	$(VENV)/bin/python -m pytest
+test: $(READY)  ## all tests, a file on each core at a time
+	$(VENV)/bin/python -m pytest -n logical --maxprocesses 8 --dist loadfile
 
 test-fast: $(READY)  ## tests that take seconds
-	$(VENV)/bin/python -m pytest -m "not slow"
+	$(VENV)/bin/python -m pytest -m "not slow" -n logical --maxprocesses 8 --dist loadfile
 
 check: $(READY)  ## format, lint, types, import contracts
 	$(VENV)/bin/ruff format --check .

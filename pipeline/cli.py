@@ -45,7 +45,7 @@ class _OneLineErrors(typer.core.TyperGroup):
             raise typer.Exit(2) from error
         except KeyboardInterrupt as interrupt:
             print(
-                "rendezvous: interrupted; finished shards are kept: run the same command again to resume",
+                "rendezvous: interrupted; what was finished is kept: run the same command again to go on",
                 file=sys.stderr,
             )
             raise typer.Exit(130) from interrupt
@@ -53,7 +53,7 @@ class _OneLineErrors(typer.core.TyperGroup):
 
 app = typer.Typer(
     cls=_OneLineErrors,
-    help="Synthetic rendezvous of two robots, from floor plans to a dataset.",
+    help="Fuse the maps of two robots that met; make the data to train and measure that on.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     add_completion=False,

@@ -148,7 +148,7 @@ def test_ctrl_c_leaves_a_folder_that_the_next_run_completes(tmp_path: Path):
     stderr = process.communicate(timeout=30)[1]
     assert process.returncode == 130
     assert stderr == (
-        "rendezvous: interrupted; finished shards are kept: run the same command again to resume\n"
+        "rendezvous: interrupted; what was finished is kept: run the same command again to go on\n"
     )
     assert not [name for name in folder_content(folder) if ".tmp-" in name]
     assert not (folder / "manifest.json").exists()
