@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from pipeline.cli_options import CORES, Data, Workers, data_folder
+from pipeline.cli_options import CORES, Data, Workers, dataset_folder
 from pipeline.errors import ConfigError
 
 Split = Annotated[str, typer.Option("--split", help="train, validation or test.")]
@@ -53,7 +53,7 @@ def evaluate_pose(
 
     page = evaluated(
         PoseEvaluation(
-            dataset=_dataset(data),
+            dataset=dataset_folder(data),
             split=split,
             count=count,
             kinds=_names(images),
@@ -101,7 +101,7 @@ def evaluate(
 
     page = evaluated(
         Evaluation(
-            dataset=_dataset(data),
+            dataset=dataset_folder(data),
             split=split,
             count=count,
             methods=_names(methods),
@@ -141,7 +141,7 @@ def evaluate_fusion(
 
     page = evaluated(
         FusionEvaluation(
-            dataset=_dataset(data),
+            dataset=dataset_folder(data),
             split=split,
             count=count,
             methods=_names(methods),
@@ -172,7 +172,9 @@ def evaluate_all(
 
     print(
         evaluated(
-            EveryEvaluation(dataset=_dataset(data), split=split, count=count, folder=folder, workers=workers)
+            EveryEvaluation(
+                dataset=dataset_folder(data), split=split, count=count, folder=folder, workers=workers
+            )
         )
     )
 
@@ -186,10 +188,6 @@ def _named_paths(option: str, given: list[str]) -> dict[str, Path]:
             raise ConfigError(f"{option} is {item!r}; must be NAME=PATH")
         found[name] = Path(path)
     return found
-
-
-def _dataset(data: str) -> str:
-    return f"{data_folder(data).rstrip('/')}/dataset"
 
 
 def _names(given: str) -> tuple[str, ...]:

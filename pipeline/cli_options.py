@@ -45,6 +45,11 @@ def data_folder(data: str) -> str:
     return data
 
 
+def dataset_folder(data: str) -> str:
+    """The published dataset in the data folder."""
+    return f"{data_folder(data).rstrip('/')}/dataset"
+
+
 def make_run(
     config: str, preset: str, overrides: list[str], data: str, workers: int, seed: int | None, engine: str
 ) -> Run:

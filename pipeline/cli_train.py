@@ -11,7 +11,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from pipeline.cli_options import CORES, Config, Data, Overrides, Preset, Seed, Workers, data_folder, make_run
+from pipeline.cli_options import (
+    CORES,
+    Config,
+    Data,
+    Overrides,
+    Preset,
+    Seed,
+    Workers,
+    dataset_folder,
+    make_run,
+)
 from pipeline.errors import SetupError
 
 if TYPE_CHECKING:
@@ -74,17 +84,23 @@ def _train(stage: str, run: Run, *, out: Path | None, resume: bool) -> None:
     # Read when torch is imported: threads that wait for each other shall sleep. On a machine that also does
     # something else, such as drawing samples, spinning makes a step up to twenty times slower.
     os.environ.setdefault("OMP_WAIT_POLICY", "passive")
-    try:
-        trained: Callable[..., Any] = getattr(import_module(f"pipeline.stages.{stage}"), stage)
-    except ModuleNotFoundError as error:
-        raise SetupError(
-            f"{error.name} is missing; `pip install 'rendezvous-fusion[learn]'` installs what training needs"
-        ) from error
+    trained = _stage_function(stage)
     try:
         trained(run, out=out, resume=resume)
     except KeyboardInterrupt as interrupt:
         print("rendezvous: interrupted; --resume goes on from the last checkpoint", file=sys.stderr)
         raise typer.Exit(130) from interrupt
+
+
+def _stage_function(stage: str) -> Callable[..., Any]:
+    """The function of a stage that needs PyTorch."""
+    try:
+        function: Callable[..., Any] = getattr(import_module(f"pipeline.stages.{stage}"), stage)
+    except ModuleNotFoundError as error:
+        raise SetupError(
+            f"{error.name} is missing; `pip install 'rendezvous-fusion[learn]'` installs what training needs"
+        ) from error
+    return function
 
 
 def calibrate(
@@ -114,11 +130,5 @@ def calibrate_pose(
 def _calibrate(stage: str, weights: Path, data: str, seed: int, workers: int) -> None:
     from rich.console import Console
 
-    try:
-        calibrated: Callable[..., Any] = getattr(import_module(f"pipeline.stages.{stage}"), stage)
-    except ModuleNotFoundError as error:
-        raise SetupError(
-            f"{error.name} is missing; `pip install 'rendezvous-fusion[learn]'` installs what training needs"
-        ) from error
-    dataset = f"{data_folder(data).rstrip('/')}/dataset"
-    calibrated(weights, dataset, seed=seed, threads=workers, console=Console(stderr=True))
+    calibrated = _stage_function(stage)
+    calibrated(weights, dataset_folder(data), seed=seed, threads=workers, console=Console(stderr=True))

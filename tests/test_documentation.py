@@ -10,6 +10,7 @@ import pytest
 
 from pipeline.documentation import ROOT, documented
 from pipeline.geometry.se2 import SE2
+from pipeline.robot_file import load_robot
 from pipeline.schema import PAIRS, POSES
 from pipeline.stages.export_sighting import export_sighting
 from pipeline.stages.pack import pack
@@ -69,7 +70,11 @@ def test_the_example_of_fuse_runs_on_a_sighting_of_the_dataset(folder, monkeypat
     monkeypatch.chdir(folder)
     # The synthetic picture shows no robot.
     seeing = Seeing(SE2(1.0, 0.2, 2.0))
-    monkeypatch.setattr(PoseWeights, "found", lambda path: SimpleNamespace(estimator=lambda *, floor: seeing))
+    source = SimpleNamespace(
+        estimator=lambda *, floor: seeing,
+        record=lambda: {"robot": {"size_m": load_robot("burger").cuboid.size_m}},
+    )
+    monkeypatch.setattr(PoseWeights, "found", lambda path: source)
     exec(FUSE_EXAMPLE, {})
     assert re.match(r"SE2\(x_m=.*\) (accepted|uncertain: )", capsys.readouterr().out)
 

@@ -3,7 +3,8 @@
 How exact peaks are is measured on the peaks themselves. What the nine points share (a network that sees a
 robot too large, a camera whose height is not quite as told) is in no peak: the covariance gets more of it
 along the line of sight and across it. How sure several readings are is made softer or sharper. And a score
-of detection says how probable it is that there is a robot where it was read."""
+of detection says how probable it is that there is a robot where it was read.
+"""
 
 from __future__ import annotations
 
@@ -32,11 +33,11 @@ class PoseCalibration:
         scale: factor of the covariance that the peaks give.
         along_share, across_share: standard deviations that are added, along and across the line of sight, as
             shares of the distance.
-        floor_m, floor_rad: standard deviations that are added, of x and y and of yaw. sharpness: exponent
-        of the readings' probabilities. bias, of_explained, of_gain: of the logistic score: what it is
-        without anything, by weight of the peaks
-            that agree with the best reading, and by the tenth root of how much more probable it makes the
-            maps.
+        floor_m, floor_rad: standard deviations that are added, of x and y and of yaw.
+        sharpness: exponent of the readings' probabilities.
+        bias, of_explained, of_gain: of the logistic score: what it is without anything, by weight of the
+            peaks that agree with the best reading, and by a tenth of the log of how much more probable it
+            makes the maps.
         least_score: for the robot to be found.
     """
 

@@ -22,6 +22,7 @@ from pipeline.geometry.cuboid import Vec3
 from pipeline.geometry.se2 import SE2, Array
 from pipeline.pose_estimation.relative_pose import ImagePoseEstimator, RelativePose
 from pipeline.robot_file import load_robot
+from pipeline.simulation.robot import RobotSpec
 from pipeline.stages.estimators import chosen_methods, trained
 from pipeline.stages.fuse_inputs import (
     CameraLike,
@@ -148,7 +149,7 @@ def fused(request: FuseRequest) -> Fused:
     meeting = Meeting(grid_0=grid_0, grid_1=grid_1, T_m0_r0=request.T_m0_r0, T_m1_r1=request.T_m1_r1)
     with clock.part("load"):
         refiner = _refiner(request.refine)
-        estimator = _pose_estimator(request) if photographs else None
+        estimator = _pose_estimator(request, robot) if photographs else None
     poses = tuple[RelativePose, ...]()
     if camera is not None and estimator is not None:
         with clock.part("see"):
@@ -191,8 +192,24 @@ def _covariance(sigma: tuple[float, float, float] | None) -> Array | None:
     return None if sigma is None else np.diag(np.square(sigma))
 
 
-def _pose_estimator(request: FuseRequest) -> ImagePoseEstimator:
-    return request.pose_estimator or PoseWeights.found(None).estimator(floor=True)
+def _pose_estimator(request: FuseRequest, robot: RobotSpec) -> ImagePoseEstimator:
+    """The one that is given, or the trained one, which knows one robot and no other."""
+    if request.pose_estimator is not None:
+        return request.pose_estimator
+    weights = PoseWeights.found(None)
+    estimator = weights.estimator(floor=True)
+    known = weights.record()["robot"]
+    if not np.allclose(known["size_m"], robot.cuboid.size_m):
+        raise ConfigError(
+            f"{weights.path}: knows the robot {known['name']!r}, whose cuboid is {_sides(known['size_m'])}; "
+            f"that of {request.robot!r} is {_sides(robot.cuboid.size_m)}: `rendezvous train-pose` on images "
+            "of that robot, or give the relative pose"
+        )
+    return estimator
+
+
+def _sides(size_m: Sequence[float]) -> str:
+    return " x ".join(f"{side_m:g}" for side_m in size_m) + " m"
 
 
 def _refiner(refine: Refinement) -> Refiner | None:

@@ -2,36 +2,16 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import torch
 
-from pipeline.errors import ConfigError, StoreError
+from pipeline.errors import ConfigError
 from pipeline.models.relative_pose import RelativePoseConfig, RelativePoseNet
 from pipeline.models.relative_pose_estimator import CloseLook, RelativePoseEstimator
 from pipeline.pose_estimation.pose_calibration import PoseCalibration
 from pipeline.pose_estimation.sighting import SeenRobot
-from pipeline.store.disk import Disk
 from pipeline.training.checkpoint import fit_weights_in_place, read_checkpoint
 from pipeline.training.pose_model import POSE_MODEL, PoseModel
-
-SHIPPED = Path(__file__).parents[2] / "assets" / "weights" / "relative_pose.safetensors"
-
-
-def read_relative_pose(path: Path = SHIPPED) -> RelativePoseEstimator:
-    """The estimator whose weights lie in a file.
-
-    Raises:
-        StoreError: it is missing or damaged.
-        ConfigError: the weights are another model's.
-    """
-    if not path.is_file():
-        raise StoreError(
-            f"{path}: no weights of the relative-pose estimator; `rendezvous train-pose` (`make train-pose`) "
-            "makes them"
-        )
-    return load_relative_pose(Disk(str(path.parent)).read(path.name), where=str(path))
 
 
 def load_relative_pose(data: bytes, *, where: str) -> RelativePoseEstimator:

@@ -22,6 +22,7 @@ from pipeline.geometry.se2 import SE2
 from pipeline.interop.camera_info import read_camera_info, write_camera_info
 from pipeline.interop.ros_map import read_ros_map, write_ros_map
 from pipeline.pose_estimation.relative_pose import PoseMode, RelativePose
+from pipeline.robot_file import ROBOTS
 from tests.baselines.windows import REAL_T_M0_M1, cuts, real_maps
 from tests.conftest import ROOT
 from tests.fusion.test_system import FINE, T_R0_R1, meeting
@@ -210,6 +211,18 @@ def test_a_bad_image_is_told(given: Path, tmp_path: Path, content, said: str):
     with pytest.raises(CameraError, match=said) as caught:
         fuse(*maps(given), **POSES, image=path, camera=given / "camera.yaml", pose_estimator=Seeing(T_R0_R1))
     assert str(path) in str(caught.value)
+
+
+def test_weights_of_another_robot_are_told(given: Path, tmp_path: Path):
+    robot = tmp_path / "tall.yaml"
+    text = (ROBOTS / "burger" / "robot.yaml").read_text()
+    assert text.count("[0.138, 0.178, 0.192]") == 2
+    robot.write_text(text.replace("[0.138, 0.178, 0.192]", "[0.138, 0.178, 0.4]"))
+    said = (
+        r"knows the robot 'burger', whose cuboid is 0.138 x 0.178 x 0.192 m; that of .* 0.138 x 0.178 x 0.4 m"
+    )
+    with pytest.raises(ConfigError, match=said):
+        fuse(*maps(given), **POSES, image=given / "image.png", camera=given / "camera.yaml", robot=str(robot))
 
 
 def test_what_does_not_fit_together_is_told(given: Path):

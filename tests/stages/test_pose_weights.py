@@ -16,7 +16,8 @@ from pipeline.errors import ConfigError, StoreError
 from pipeline.pose_estimation.pose_calibration import PoseCalibration
 from pipeline.stages.calibrate_pose import covered_image
 from pipeline.stages.pack import pack
-from pipeline.stages.pose_weights import load_relative_pose, read_relative_pose
+from pipeline.stages.pose_source import PoseWeights
+from pipeline.stages.pose_weights import load_relative_pose
 from pipeline.training.checkpoint import read_checkpoint, weights_bytes
 from pipeline.training.loop import TrainingState
 from pipeline.training.parameters import Optimisation
@@ -79,7 +80,7 @@ def test_other_weights_are_told_in_one_line(data, error, told):
 
 def test_missing_weights_name_the_command_that_makes_them(tmp_path):
     with pytest.raises(StoreError, match=r"none\.safetensors: no weights .*`rendezvous train-pose`"):
-        read_relative_pose(tmp_path / "none.safetensors")
+        PoseWeights.found(tmp_path / "none.safetensors")
 
 
 @pytest.fixture(scope="module")
