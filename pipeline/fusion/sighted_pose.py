@@ -93,17 +93,21 @@ def sighted_pose(poses: Sequence[RelativePose]) -> SightedPose:
             f"the robot is found in none of {len(poses)} images ({reasons}); without it there is "
             "nothing to align the maps by: take another image, or give the relative pose"
         )
-    modes: list[SightedMode] = []
-    for earlier, number in enumerate(found):
-        modes = _times(modes, number, poses[number], earlier=earlier)
-    total = sum(mode.mass for mode in modes)
-    product = tuple(replace(mode, mass=mode.mass / total) for mode in modes)
-    score = max(poses[number].score for number in product[0].images)
-    return SightedPose(modes=product, score=score, found_in=tuple(found))
+    modes, mistaken = list[SightedMode](), 1.0
+    for number in found:
+        modes, mistaken = _times(modes, mistaken, number, poses[number])
+    score = max(poses[number].score for number in modes[0].images)
+    return SightedPose(modes=tuple(modes), score=score, found_in=tuple(found))
 
 
-def _times(product: list[SightedMode], number: int, pose: RelativePose, *, earlier: int) -> list[SightedMode]:
-    """So many earlier images times one more, the most probable mode first; masses are not normalised."""
+def _times(
+    product: list[SightedMode], all_mistaken: float, number: int, pose: RelativePose
+) -> tuple[list[SightedMode], float]:
+    """Earlier images times one more: the modes, the most probable first, their masses with a sum of 1.
+
+    `all_mistaken` is the mass of no image telling anything, on the scale of those masses, before and after:
+    were masses not normalised after every image, those of some dozens would overflow.
+    """
     read = [
         SightedMode(T_r0_r1=m.T_r0_r1, covariance=m.covariance, mass=m.mass, images=(number,))
         for m in pose.modes
@@ -112,10 +116,12 @@ def _times(product: list[SightedMode], number: int, pose: RelativePose, *, earli
     modes = [
         *(_product(a, b, sure) for a in product for b in read),
         *(replace(a, mass=a.mass * mistaken) for a in product),
-        *(replace(b, mass=b.mass * sure * mistaken**earlier) for b in read),
+        *(replace(b, mass=b.mass * sure * all_mistaken) for b in read),
     ]
     least = NEGLIGIBLE_MASS * sum(mode.mass for mode in modes)
-    return sorted((mode for mode in modes if mode.mass >= least), key=lambda mode: -mode.mass)[:MOST_MODES]
+    kept = sorted((mode for mode in modes if mode.mass >= least), key=lambda mode: -mode.mass)[:MOST_MODES]
+    total = sum(mode.mass for mode in kept)
+    return [replace(mode, mass=mode.mass / total) for mode in kept], all_mistaken * mistaken / total
 
 
 def _product(a: SightedMode, b: SightedMode, sure: float) -> SightedMode:

@@ -45,6 +45,17 @@ def test_the_same_image_many_times_has_the_same_mean_and_a_smaller_covariance():
     assert sighting.best.images == (0, 1, 2, 3)
 
 
+def test_a_hundred_images_are_combined_and_those_that_contradict_them_left_out():
+    """Their product of densities is beyond what doubles hold."""
+    fine = 1e-4 * np.eye(3)
+    images = [seen_at(TRUE, fine)] * 100
+    images[3] = images[40] = seen_at(TRUE @ SE2(2.0, 0.0, 0.0), fine)
+    sighting = sighted_pose(images)
+    assert sighting.contradicted_by == (3, 40)
+    assert sighting.best.mass == pytest.approx(1.0)
+    assert sighting.best.covariance == pytest.approx(fine / 98.0)
+
+
 def test_the_product_has_the_largest_product_of_densities():
     """Against a search: no pose around it makes both images more probable."""
     others = TRUE @ SE2(0.06, -0.05, 0.08), np.diag([0.004, 0.02, 0.01])
