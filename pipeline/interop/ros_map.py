@@ -106,6 +106,15 @@ def read_ros_map(yaml_path: Path, *, strict: bool) -> OccupancyGrid:
     )
 
 
+def map_image_path(yaml_path: Path) -> Path:
+    """The image that the YAML file of a ROS map names.
+
+    Raises:
+        MapError: the file is missing or no YAML, or names none.
+    """
+    return yaml_path.parent / _image_name(read_yaml_fields(yaml_path, MapError, right=KEYS), yaml_path)
+
+
 def _shades(
     image: MapImage, header: _Header
 ) -> tuple[np.ndarray[Any, np.dtype[np.unsignedinteger[Any]]], int]:
@@ -156,9 +165,7 @@ def _keep_unknown(values_in_place: Cells, occurring: Mask, header: _Header, sour
 
 def _header(path: Path) -> _Header:
     fields = read_yaml_fields(path, MapError, right=KEYS)
-    image = _required(fields, "image", path)
-    if not isinstance(image, str) or not image:
-        raise MapError(f"{path}: image is {short(image)}; must be the path of a PGM, PNG or BMP")
+    image = _image_name(fields, path)
     mode = fields.get("mode", "trinary")
     if mode not in MODES:
         raise MapError(f"{path}: mode is {short(mode)}; must be one of {', '.join(MODES)}")
@@ -184,6 +191,13 @@ def _header(path: Path) -> _Header:
         occupied_thresh=occupied_thresh,
         free_thresh=free_thresh,
     )
+
+
+def _image_name(fields: dict[str, Any], path: Path) -> str:
+    image = _required(fields, "image", path)
+    if not isinstance(image, str) or not image:
+        raise MapError(f"{path}: image is {short(image)}; must be the path of a PGM, PNG or BMP")
+    return image
 
 
 def _required(fields: dict[str, Any], key: str, path: Path) -> Any:

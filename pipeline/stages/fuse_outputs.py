@@ -39,7 +39,7 @@ from pipeline.fusion.agreement import MapAgreement
 from pipeline.fusion.verdict import spread_of
 from pipeline.geometry.occupancy_grid import OccupancyGrid
 from pipeline.geometry.se2 import SE2, Array
-from pipeline.interop.ros_map import ros_map_bytes
+from pipeline.interop.ros_map import map_image_path, ros_map_bytes
 from pipeline.pose_estimation.relative_pose import RelativePose
 from pipeline.stages.fuse import Fused, FuseRequest
 from pipeline.store.disk import Disk
@@ -88,8 +88,10 @@ def require_apart(request: FuseRequest, out: Path) -> None:
 
     Raises:
         ConfigError: names that file.
+        MapError: the YAML file of a map cannot be read.
     """
-    for given in (*request.maps, *request.images, request.camera):
+    map_images = [map_image_path(Path(given)) for given in request.maps if isinstance(given, str | Path)]
+    for given in (*request.maps, *map_images, *request.images, request.camera):
         if isinstance(given, str | Path) and _is_output(Path(given).resolve(), out.resolve()):
             raise ConfigError(f"{given}: would be overwritten; must not be named so in --out {str(out)!r}")
 

@@ -95,6 +95,15 @@ def test_what_it_is_made_from_is_never_overwritten(given: Path, tmp_path: Path):
     assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 
+def test_the_image_of_a_map_is_never_overwritten_either(given: Path, tmp_path: Path):
+    """A fused map whose YAML file got another name still calls its image `fused.pgm`."""
+    (tmp_path / "first.yaml").write_text((given / "map0.yaml").read_text().replace("map0.pgm", "fused.pgm"))
+    shutil.copy(given / "map0.pgm", tmp_path / "fused.pgm")
+    with pytest.raises(ConfigError, match=r"fused\.pgm: would be overwritten; must not be named so in --out"):
+        fuse(tmp_path / "first.yaml", given / "map1.yaml", **POSES, relative=T_R0_R1, out=tmp_path)
+    assert (tmp_path / "fused.pgm").read_bytes() == (given / "map0.pgm").read_bytes()
+
+
 def test_pictures_that_it_did_not_make_stay(given: Path, tmp_path: Path):
     (tmp_path / "image_1.png").write_bytes(b"mine")
     (tmp_path / "result.json").write_text("[1, 2]")
