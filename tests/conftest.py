@@ -8,6 +8,7 @@ from io import StringIO
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
 from rich.console import Console
 
 from pipeline.config import load_config
@@ -15,6 +16,10 @@ from pipeline.engine import Run
 from pipeline.pool import Engine
 
 ROOT = Path(__file__).parent.parent
+
+# Hypothesis fails what takes longer than 0.2 s: a call that compiles first, or any on a busy machine.
+settings.register_profile("untimed", deadline=None)
+settings.load_profile("untimed")
 
 MakeRun = Callable[..., Run]
 
