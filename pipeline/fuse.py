@@ -29,7 +29,7 @@ def fuse(
     image: ImageLike | Sequence[ImageLike] | None = None,
     camera: CameraLike | None = None,
     camera_pose: Sequence[float] | None = None,
-    robot: str = "burger",
+    robot: str | Path = "burger",
     relative: PoseLike | None = None,
     relative_sigma: Sequence[float] | None = None,
     refine: Literal["none", "learned", "correlative", "auto"] = "auto",
@@ -69,8 +69,8 @@ def fuse(
         T_m1_r1=_pose("pose1", pose1),
         images=tuple(images),
         camera=camera,
-        camera_pose=None if camera_pose is None else tuple(camera_pose),
-        robot=robot,
+        camera_pose=None if camera_pose is None else _mounted(camera_pose),
+        robot=str(robot),
         T_r0_r1=None if relative is None else _pose("relative", relative),
         relative_sigma=None if relative_sigma is None else _sigma(relative_sigma),
         refine=_refinement(refine),
@@ -95,14 +95,23 @@ def _sigma(given: Sequence[float]) -> tuple[float, float, float]:
     return _three("relative_sigma", given)
 
 
+def _mounted(given: Sequence[float]) -> tuple[float, ...]:
+    return _floats("camera_pose", given, 6, "x, y, z [m], roll, pitch, yaw [rad]")
+
+
 def _three(name: str, given: Sequence[float] | Array) -> tuple[float, float, float]:
-    try:
-        x_m, y_m, yaw_rad = (float(value) for value in given)
-    except (TypeError, ValueError) as error:
-        raise ConfigError(
-            f"{name} is {' '.join(repr(given).split())}; must be x [m], y [m], yaw [rad]"
-        ) from error
+    x_m, y_m, yaw_rad = _floats(name, given, 3, "x [m], y [m], yaw [rad]")
     return x_m, y_m, yaw_rad
+
+
+def _floats(name: str, given: Sequence[float] | Array, count: int, right: str) -> tuple[float, ...]:
+    try:
+        values = tuple(float(value) for value in given)
+    except (TypeError, ValueError):
+        values = ()
+    if len(values) != count:
+        raise ConfigError(f"{name} is {' '.join(repr(given).split())}; must be {right}")
+    return values
 
 
 def _refinement(given: str) -> Refinement:

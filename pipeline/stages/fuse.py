@@ -76,6 +76,12 @@ class FuseRequest:
             raise ConfigError("fuse: give either images of the sighting or the relative pose, and not both")
         if self.images and self.camera is None:
             raise ConfigError("fuse: an image needs the camera that took it")
+        if self.images and self.relative_sigma is not None:
+            raise ConfigError(
+                "fuse: a sigma is of a relative pose that is given; an image tells its own error"
+            )
+        if not self.images and (self.camera is not None or self.camera_pose is not None):
+            raise ConfigError("fuse: a camera and its pose are of images; a relative pose needs none")
         if self.relative_sigma is not None and not all(
             0.0 < sigma <= MOST_SIGMA for sigma in self.relative_sigma
         ):

@@ -10,7 +10,7 @@ import numpy as np
 
 from pipeline.errors import CameraError, ConfigError, MapError
 from pipeline.geometry.camera import PinholeCamera, camera_pose
-from pipeline.geometry.occupancy_grid import OccupancyGrid
+from pipeline.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from pipeline.geometry.se2 import Array
 from pipeline.interop.camera_info import CameraInfo, read_camera_info
 from pipeline.interop.decoding import PNG_START, decoded, is_whole_png
@@ -48,9 +48,15 @@ def read_map(given: MapLike, *, strict: bool) -> OccupancyGrid:
     """A map of ROS, or the grid that is given.
 
     Raises:
-        MapError: the file is missing or no map.
+        MapError: the file is missing or no map, or the grid's values are others than those of map_server.
     """
     if isinstance(given, OccupancyGrid):
+        others = given.cells[~np.isin(given.cells, (OCCUPIED, UNKNOWN, FREE))]
+        if others.size:
+            raise MapError(
+                f"a map is given with {others.size} cells of other values, as {others[0]}; must be "
+                f"{OCCUPIED} occupied, {UNKNOWN} unknown, {FREE} free"
+            )
         return given
     if not isinstance(given, str | Path):
         raise MapError(f"a map is given as {type(given).__name__}; must be its YAML file or an OccupancyGrid")
@@ -101,14 +107,18 @@ def read_photograph(given: ImageLike, camera: CameraInfo, *, number: int) -> Pho
         number: of the image, for messages about an array.
 
     Raises:
-        CameraError: it is no image, is cut short, or is not of the camera's size.
+        CameraError: it is no image, is cut short, or is not of the camera's size, or neither file nor array.
     """
     if isinstance(given, np.ndarray):
         name, image = f"image {number}", given
         if image.ndim != 3 or image.shape[2] != 3 or image.dtype != np.uint8:
             raise CameraError(f"{name}: shape {image.shape}, {image.dtype}; must be (H, W, 3) uint8 RGB")
-    else:
+    elif isinstance(given, str | Path):
         name, image = str(given), _decoded(Path(given))
+    else:
+        raise CameraError(
+            f"image {number} is given as {type(given).__name__}; must be its file or (H, W, 3) uint8 RGB"
+        )
     try:
         return Photograph(name=name, image=np.ascontiguousarray(camera.undistorted(image)))
     except CameraError as error:

@@ -17,6 +17,7 @@ from pipeline.fuse import fuse
 from pipeline.fusion.merge import merged
 from pipeline.geometry.occupancy_grid import FREE, OccupancyGrid
 from pipeline.geometry.se2 import SE2
+from tests.baselines.windows import cuts
 from tests.conftest import ROOT
 from tests.fusion.test_system import T_R0_R1
 from tests.stages.test_fuse import POSES, Seeing, arguments, given, maps, option
@@ -24,6 +25,8 @@ from tests.synthetic import CAMERA
 
 __all__ = ["given"]  # a fixture
 
+PICTURE = np.zeros((480, 640, 3), np.uint8)
+SEEN = {"image": PICTURE, "camera": CAMERA, "relative": None}
 RELATIVE = option("relative", *T_R0_R1.as_array())
 
 WITHOUT_TORCH = """
@@ -123,6 +126,28 @@ def test_python_is_told_of_degrees_too_and_a_turn_is_no_degrees(given: Path, rec
             CameraError,
             "camera is given as ndarray",
         ),
+        (
+            {"map0": replace(cuts(0)[0], cells=np.full((9, 9), 100, np.uint8))},
+            MapError,
+            "81 cells of other values, as 100; must be 0 occupied, 205 unknown, 254 free",
+        ),
+        ({**SEEN, "image": object()}, CameraError, "image 0 is given as object; must be its file or"),
+        ({**SEEN, "image": [PICTURE, b"bytes"]}, CameraError, "image 1 is given as bytes; must be its file"),
+        (
+            {**SEEN, "camera_pose": "0,0,0,0,0,0"},
+            ConfigError,
+            "camera_pose is '0,0,0,0,0,0'; must be x, y, z",
+        ),
+        ({**SEEN, "camera_pose": 0.3}, ConfigError, "camera_pose is 0.3; must be x, y, z"),
+        ({**SEEN, "camera_pose": np.eye(4)}, ConfigError, r"camera_pose is array\(.*; must be x, y, z"),
+        (
+            {**SEEN, "relative_sigma": (0.1, 0.1, 0.1)},
+            ConfigError,
+            "a sigma is of a relative pose that is given",
+        ),
+        ({"camera": CAMERA}, ConfigError, "a camera and its pose are of images"),
+        ({"camera_pose": [0.0] * 6}, ConfigError, "a camera and its pose are of images"),
+        ({"robot": Path("walker.yaml")}, ConfigError, "robot 'walker.yaml': no file walker.yaml"),
     ],
 )
 def test_a_wrong_argument_is_told_as_such(given: Path, change: dict, error: type[Exception], said: str):
