@@ -73,7 +73,7 @@ class Refined:
     """The frame error of T̃ as the maps have it.
 
     Attributes:
-        estimate: θ̂_w in the window frame w, its covariance along w's axes after θ̂'s turn; or no θ.
+        estimate: θ̂_w in the window frame w, its covariance that of what it leaves along w's axes; or no θ.
         search: how far it was looked for.
         at_edge: whether it lies at the end of that search.
     """

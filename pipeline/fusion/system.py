@@ -37,8 +37,8 @@ class FusionResult:
         T_m0_m1: T̂, the pose of map 1 in map 0 (Eq. 3); T̃ where it was not refined.
         T_m0_m1_initial: T̃, from the sighting alone (Eq. 2).
         T_m0_w: the window's centre: where T̃ puts robot 1.
-        covariance: (3, 3) of the components x [m], y [m], yaw [rad] of the frame error that T̂ has left, seen
-            from w: of `θ̂_w⁻¹ θ_w`, along the axes of m0 turned by θ̂'s yaw. None if nothing is known of it.
+        covariance: (3, 3) of the components x [m], y [m], yaw [rad] of the frame error that T̂ has left,
+            `θ̂_w⁻¹ θ_w`: seen from w, along the axes of m0. None if nothing is known of it.
         estimate: of the frame error of T̃; None if it was not looked for.
         sighting: all ways to read it.
         overlap: |known_0 ∩ known_1| / |known_0 ∪ known_1| under T̂.
