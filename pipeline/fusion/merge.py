@@ -18,6 +18,7 @@ from dataclasses import dataclass
 import numba as nb
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import expit
 
 from pipeline.errors import MapError, require_within
 from pipeline.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN, Cells, OccupancyGrid
@@ -105,7 +106,7 @@ def probabilistically_merged(
     first, second = on_common_grid(grid_0, grid_1, T_m0_m1)
     values = _log_odds_of_values(evidence)
     log_odds = evidence.trust_0 * values[first.cells] + evidence.trust_1 * values[second.cells]
-    probability = (1.0 / (1.0 + np.exp(-log_odds))).astype(np.float32)
+    probability = expit(log_odds)
     known = (first.cells != UNKNOWN) | (second.cells != UNKNOWN)
     cells = np.full(known.shape, UNKNOWN, np.uint8)
     cells[known & (probability < evidence.free_below)] = FREE

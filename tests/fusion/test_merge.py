@@ -183,6 +183,14 @@ def test_where_maps_do_not_contradict_both_merges_are_the_same(grid_0, grid_1, T
     assert (weighed.cells[contradiction] == UNKNOWN).all()
 
 
+def test_however_far_a_map_is_trusted_its_probabilities_stay_probabilities(recwarn):
+    result = probabilistically_merged(shown("#.?"), shown(".#?"), SE2.identity(), CellEvidence(trust_0=100.0))
+    assert result.occupied_probability[0] == pytest.approx([1.0, 0.0, 0.5])
+    assert result.occupied_probability.dtype == np.float32
+    assert np.array_equal(result.grid.cells, shown("#.?").cells)
+    assert not recwarn.list
+
+
 def test_evidence_that_is_none_is_refused():
     with pytest.raises(ConfigError, match=r"occupied_probability is 0\.3; must be from 0\.5 to 0\.999"):
         CellEvidence(occupied_probability=0.3)
