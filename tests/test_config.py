@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 import yaml
 
-from pipeline.config import Parameters, load_config
+from pipeline.config import load_config
+from pipeline.config_sections import Parameters
 from pipeline.errors import ConfigError
 from tests.conftest import ROOT
 
@@ -131,6 +132,14 @@ def test_a_wrong_override_is_told_with_key_value_and_what_is_right(override: str
 
 def test_a_rooms_own_contract_is_a_config_error():
     assert "rooms is (1, 2); must be (least, most)" in message_of("floorplans.generate.plans.rooms=[1, 2]")
+
+
+def test_splits_share_no_more_plans_than_there_are():
+    assert "validation_fraction and pack.test_fraction: sum to 1.1; must be at most 1" in message_of(
+        "pack={validation_fraction: 0.4, test_fraction: 0.7}"
+    )
+    whole = load_config(STAGES_YAML, overrides=["pack={validation_fraction: 0.3, test_fraction: 0.7}"])
+    assert whole.pack.test_fraction == 0.7
 
 
 def test_a_fault_names_the_layer_that_it_is_in(edited):

@@ -55,6 +55,14 @@ def test_a_split_of_no_share_may_be_empty():
     assert split_plans(["a", "b"], validation_fraction=0.0, test_fraction=0.0) == {"a": "train", "b": "train"}
 
 
+@pytest.mark.parametrize(("validation", "test"), [(0.3, 0.7), (0.1, 0.9), (0.0, 1.0)])
+def test_nothing_need_be_left_for_training(validation, test):
+    plans = [hashlib.sha256(str(n).encode()).hexdigest() for n in range(200)]
+    splits = split_plans(plans, validation_fraction=validation, test_fraction=test)
+    assert "train" not in splits.values()
+    assert ("validation" in splits.values()) == (validation > 0.0)
+
+
 def test_plans_needed_is_the_smallest_number_that_suffices():
     # Two shares of a tenth: 2 · 0.9^n <= 0.01, the train split adds nothing at this n.
     assert plans_needed({"train": 0.8, "validation": 0.1, "test": 0.1}) == 51

@@ -88,8 +88,8 @@ def dataset_card(
     has_images = poses is not None or sightings["visibility"].null_count < sightings.num_rows
     sections = [
         _yaml_header(sightings, poses),
-        _INTRODUCTION.format(robot=parameters["explore.robot.name"])
-        + ("```" if poses is None else _LOADED_POSES),
+        _INTRODUCTION.format(robot=parameters["explore.robot.name"], split=_splits(sightings)[0])
+        + ("```" if poses is None else _LOADED_POSES.format(split=_splits(poses)[0])),
         f"## Splits\n\n{_split_table(sightings)}\n\nNo floor plan is in two splits: a plan's split is a "
         f"hash of its geometry. {bytes_total / 1e6:.1f} MB in all.",
         f"## Episodes\n\n{_counts_table(counts)}{_left_out_list('Episodes', left_out)}",
@@ -117,10 +117,10 @@ true relative pose, the transform between the maps, and what the camera saw.
 ```python
 from datasets import load_dataset
 
-pairs = load_dataset("path/to/this/folder", split="train")
+pairs = load_dataset("path/to/this/folder", split="{split}")
 """
 
-_LOADED_POSES = """poses = load_dataset("path/to/this/folder", "poses", split="train")
+_LOADED_POSES = """poses = load_dataset("path/to/this/folder", "poses", split="{split}")
 ```"""
 
 _QUALITY_NOTE = """\
@@ -169,10 +169,15 @@ def _yaml_header(sightings: pa.Table, poses: pa.Table | None) -> str:
 
 
 def _yaml_config(name: str, rows: pa.Table, *, default: bool = False) -> str:
-    present = set(rows["split"].unique().to_pylist())
-    files = [f"  - split: {s}\n    path: {name}/{s}-*.parquet\n" for s in SPLITS if s in present]
+    files = [f"  - split: {s}\n    path: {name}/{s}-*.parquet\n" for s in _splits(rows)]
     first = "  default: true\n" if default else ""
     return f"- config_name: {name}\n{first}  data_files:\n{''.join(files)}"
+
+
+def _splits(rows: pa.Table) -> list[str]:
+    """Those that have rows."""
+    present = set(rows["split"].unique().to_pylist())
+    return [split for split in SPLITS if split in present]
 
 
 def _size_category(rows: int) -> str:

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.config import ExploreSection
+from pipeline.config_sections import ExploreSection
 from pipeline.engine import Run, Task, part_name
 from pipeline.errors import ConfigError, FloorplanError
 from pipeline.exploration.episode import run_episode

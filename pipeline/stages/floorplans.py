@@ -12,7 +12,7 @@ from functools import partial
 from itertools import islice
 from typing import Any
 
-from pipeline.config import FloorplansSection
+from pipeline.config_sections import FloorplansSection
 from pipeline.engine import Run, Task, part_name
 from pipeline.errors import FloorplanError
 from pipeline.floorplan.generate import GeneratorParameters, generate_floorplan

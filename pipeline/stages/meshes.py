@@ -7,7 +7,7 @@ from dataclasses import asdict
 from functools import partial
 from typing import Any
 
-from pipeline.config import MeshesSection
+from pipeline.config_sections import MeshesSection
 from pipeline.engine import Run, Task, part_name
 from pipeline.errors import FloorplanError
 from pipeline.exploration.starts import draw_starts

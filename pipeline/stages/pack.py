@@ -8,7 +8,7 @@ from functools import partial
 
 import pyarrow as pa
 
-from pipeline.config import PackSection
+from pipeline.config_sections import PackSection
 from pipeline.engine import Run, Task
 from pipeline.errors import SplitError, StoreError
 from pipeline.evaluation.card import CARD_COLUMNS

@@ -14,7 +14,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from pipeline.config import RenderSection
+from pipeline.config_sections import RenderSection
 from pipeline.errors import FloorplanError
 from pipeline.floorplan.furnish import furnish
 from pipeline.floorplan.records import Floorplan

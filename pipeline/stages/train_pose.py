@@ -9,7 +9,7 @@ import safetensors.torch
 import torch
 from torch import Tensor
 
-from pipeline.config import TrainPoseSection
+from pipeline.config_sections import TrainPoseSection
 from pipeline.engine import Run
 from pipeline.errors import ConfigError, StoreError
 from pipeline.stages.calibrate_pose import LEAST_ROWS, calibrate_pose

@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.status import Status
 from torch.utils.tensorboard import SummaryWriter
 
-from pipeline.config import TrainingSection
+from pipeline.config_sections import TrainingSection
 from pipeline.pose_estimation.look import Image
 from pipeline.progress import LINE_EVERY_S
 from pipeline.store.disk import Disk

@@ -11,7 +11,7 @@ from typing import Any
 import torch
 from torch.utils.data import Dataset
 
-from pipeline.config import TrainingSection
+from pipeline.config_sections import TrainingSection
 from pipeline.engine import Run
 from pipeline.errors import ConfigError, StoreError
 from pipeline.stages.train_record import CHECKPOINT, Recorder, Validation

@@ -145,6 +145,18 @@ def test_code_blocks_are_closed(card, tmp_path):
     assert _carded_parameters(tmp_path)["render.poses_per_plan"] == "0"
 
 
+def test_the_examples_load_a_split_that_there_is(card, tmp_path):
+    assert card.count('split="train")') == 2
+    explored(tmp_path)
+    pack(synthetic_run(tmp_path, "pack={validation_fraction: 0.0, test_fraction: 1.0}"))
+    only_measured = (tmp_path / "dataset" / "README.md").read_text()
+    assert only_measured.count('split="test")') == 2
+    assert (
+        "train" not in yaml.safe_load(only_measured.split("---")[1])["configs"][0]["data_files"][0].values()
+    )
+    assert not list((tmp_path / "dataset").rglob("train-*"))
+
+
 def test_without_views_the_card_says_so(card, tmp_path):
     explored(tmp_path)
     rendered(tmp_path, views=False, poses=[])
