@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from html import escape
 
@@ -17,6 +17,9 @@ class Html:
 
 Piece = str | Html
 """Plain words are escaped, markup is not."""
+
+_LEFT = {"name", "words"}
+"""Kinds of cells that begin at the left; numbers end at the right."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -82,15 +85,9 @@ def table(header: Sequence[Sequence[tuple[str, int]]], rows: Sequence[Sequence[C
         header: lines of words and how many columns they span.
         rows: cells; a None is a rule across the table.
     """
-    lines = [
-        "<tr>"
-        + "".join(
-            f'<th colspan="{span}"{_class("group" if span > 1 and w else "")}>{escape(w)}</th>'
-            for w, span in line
-        )
-        + "</tr>"
-        for line in header
-    ]
+    first = next((row for row in rows if None not in row), ())
+    lefts = [cell is not None and not _LEFT.isdisjoint(cell.kind.split()) for cell in first]
+    lines = ["<tr>" + "".join(_headings(line, lefts)) + "</tr>" for line in header]
     body = [
         '<tr class="rule">' + f'<td colspan="{sum(span for _, span in header[-1])}"></td></tr>'
         if None in row
@@ -137,6 +134,17 @@ def page(title: str, *, head: Html, body: Sequence[Html]) -> str:
     )
 
 
+def _headings(line: Sequence[tuple[str, int]], lefts: Sequence[bool]) -> Iterator[str]:
+    """One line of a header; over a column of words it begins where they do."""
+    column = 0
+    for words, span in line:
+        kind = "words" if any(lefts[column : column + 1]) else ""
+        if span > 1:
+            kind = "group" if words else ""
+        yield f'<th colspan="{span}"{_class(kind)}>{escape(words)}</th>'
+        column += span
+
+
 def _cell(cell: Cell) -> str:
     kinds = " ".join([cell.kind, *(["best"] if cell.best else [])])
     small = f"<small>{markup(cell.small)}</small>" if cell.small else ""
@@ -174,7 +182,7 @@ dt{color:var(--muted);font-size:.76rem}dd{margin:0;font-weight:600;font-variant-
 table{border-collapse:collapse;width:100%;font-size:.87rem;font-variant-numeric:tabular-nums}
 th{font-weight:600;color:var(--muted);text-align:right;padding:.25rem .45rem;font-size:.78rem;
 white-space:nowrap;vertical-align:bottom}
-th:first-child,td.name,td.words{text-align:left}
+th:first-child,th.words,td.name,td.words{text-align:left}
 th.group{text-align:center;border-bottom:1px solid var(--line);color:var(--ink)}
 td{padding:.36rem .45rem;text-align:right;border-top:1px solid var(--line);vertical-align:top;
 white-space:nowrap}
