@@ -84,6 +84,8 @@ def _row(reader: StageReader, pair_id: str | None) -> Mapping[str, Any]:
         if pair_ids and (pair_id is None or pair_id in pair_ids):
             index = _best_seen(table) if pair_id is None else pair_ids.index(pair_id)
             return PAIRS.rows(reader.table(name, columns=_COLUMNS).slice(index, 1))[0]
+    if not known:
+        raise StoreError(f"{reader.root}: holds no pairs; must be a dataset that `rendezvous pack` published")
     near = difflib.get_close_matches(pair_id or "", known, n=3) or known[:3]
     raise StoreError(f"{reader.root}: no pair {pair_id!r}; there are {', '.join(near)}, ...")
 
@@ -145,5 +147,5 @@ def _body_pose(T_r0_c: Array) -> Array:
 
 
 def _numbers(values: Array) -> str:
-    """With commas between them, to the micrometre; no minus before a zero."""
+    """With commas between them, six digits of each, none beyond the micrometre; no minus before a zero."""
     return ",".join(f"{float(value) + 0.0:.6g}" for value in np.round(values, 6))

@@ -92,6 +92,12 @@ def test_a_name_that_is_not_there_is_told(seen: Path, tmp_path: Path):
     assert list(tmp_path.iterdir()) == []
 
 
+def test_a_folder_without_pairs_is_told(seen: Path, tmp_path: Path):
+    code, _, faults = rendezvous("sighting", "--out", tmp_path, seen.parent / "explore")
+    assert code == 2
+    assert "explore: holds no pairs; must be a dataset that `rendezvous pack` published" in faults
+
+
 def test_without_an_image_the_command_fuses_by_the_true_relative_pose(tmp_path: Path):
     explored(tmp_path)
     rendered(tmp_path, views=False)
