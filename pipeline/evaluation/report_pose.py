@@ -199,8 +199,8 @@ def _in_total(content: PoseContent) -> list[Html]:
         figure(
             violin_chart(groups, COMPONENTS),
             "Errors of all images that show the robot: density, median, quartiles, whiskers at 1.5 times the "
-            "quartiles' distance. x ahead of robot 0, y to its left, before it is turned by the estimate's "
-            "heading. “Of” counts the images in which the robot is not found.",
+            "quartiles' distance. x is ahead of robot 1 and y to its left, as the estimate has it stand. "
+            "“Of” counts the images in which the robot is not found as well.",
             alt="Errors in total",
         )
     ]

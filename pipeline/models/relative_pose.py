@@ -177,7 +177,7 @@ def _normalised(inputs: int, outputs: int, *, stride: int = 1, dilation: int = 1
 
 
 def _small_features(config: RelativePoseConfig) -> nn.Sequential:
-    """A cell's features see about 160 input pixels: the dilations let even a near robot fit in."""
+    """A cell's features see 231 input pixels with four blocks: the dilations let even a near robot fit in."""
     w = config.width
     blocks = [_Block(4 * w, dilation=(1, 2, 4, 2)[k % 4]) for k in range(config.blocks)]
     return nn.Sequential(
@@ -221,7 +221,7 @@ def _later_stage(config: RelativePoseConfig, outputs: int) -> nn.Sequential:
 
 
 def _stage(inputs: int, width: int, wide: int, outputs: int, *, layers: int, kernel: int) -> nn.Sequential:
-    """Convolutions, then two of 1x1; the last starts small, as DOPE's do, for targets are mostly 0."""
+    """Convolutions, then two of 1x1, as DOPE's; the last starts small, unlike there: targets are mostly 0."""
     parts = list[nn.Module]()
     for layer in range(layers):
         parts += [

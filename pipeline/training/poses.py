@@ -59,7 +59,8 @@ class PoseImage:
     Attributes:
         pose_id: unique name.
         image: (H, W, 3) uint8 red, green, blue.
-        uv_px: (9, 2) the cuboid's points in DOPE's order; NaN where the robot is absent or wholly hidden.
+        uv_px: (9, 2) the cuboid's points in DOPE's order; NaN where the robot is absent or a point is behind
+            the camera.
         visibility: visible share of the robot.
     """
 
