@@ -20,7 +20,12 @@ from pipeline.evaluation.recorded_figures import ImageConditions, RecordedFigure
 from pipeline.evaluation.report_fusion import FusionContent, chosen_rendezvous, fusion_part, run_name
 from pipeline.seeds import stream
 from pipeline.stages.estimators import ROOT, Method, chosen_methods, plans_trained_on, trained
-from pipeline.stages.evaluate_pose import image_conditions, require_split, unseen_images
+from pipeline.stages.evaluate_pose import (
+    image_conditions,
+    require_known_robot,
+    require_split,
+    unseen_images,
+)
 from pipeline.stages.measured_fusions import (
     LEARNED,
     FusionCase,
@@ -96,6 +101,7 @@ def evaluate_fusion(settings: FusionEvaluation) -> Path:
     kept_metrics(disk)
     setup = _setup(settings)
     setup.source.estimator(floor=True)
+    require_known_robot(cases.images, setup.source, settings.dataset)
     setup.refiners()
     if settings.unseen:
         cases = _unseen(cases, setup, settings)

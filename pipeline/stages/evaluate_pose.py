@@ -80,7 +80,8 @@ def evaluate_pose(settings: PoseEvaluation) -> Path:
     Raises:
         StoreError: the dataset, its images, the weights or recorded figures are missing or damaged, or
             nothing can be written.
-        ConfigError: a split or kind of images that there is not, or recorded figures of more images.
+        ConfigError: a split or kind of images that there is not, images of a robot that the weights do not
+            know, or recorded figures of more images.
         SetupError: a package is missing.
     """
     images = _images(settings)
@@ -91,6 +92,7 @@ def evaluate_pose(settings: PoseEvaluation) -> Path:
     floors = (True, False) if settings.floor is None else (settings.floor,)
     variants = [PoseVariant(source=source, floor=floor) for floor in floors]
     variants[0].source.estimator(floor=variants[0].floor)
+    require_known_robot(images, source, settings.dataset)
     if settings.unseen:
         images = unseen_images(images, [source.record()], settings.console)
     conditions = image_conditions(
@@ -114,6 +116,8 @@ def evaluate_pose(settings: PoseEvaluation) -> Path:
 
 def _images(settings: PoseEvaluation) -> list[SeenImage]:
     require_split(settings.split)
+    if not settings.kinds:
+        raise ConfigError(f"--images names nothing; must name {' or '.join(KINDS)}, or both")
     for kind in settings.kinds:
         if kind not in KINDS:
             raise ConfigError(f"--images names {kind!r}; must be of {', '.join(KINDS)}")
@@ -141,6 +145,22 @@ def require_split(split: str) -> None:
     """
     if split not in SPLIT_NAMES:
         raise ConfigError(f"--split is {split!r}; must be one of {', '.join(SPLIT_NAMES)}")
+
+
+def require_known_robot(images: Sequence[SeenImage], source: PoseSource, dataset: str) -> None:
+    """See that images show the robot whose pose the weights read.
+
+    Raises:
+        ConfigError: they show another one, of other sides.
+    """
+    known = source.record()["robot"]
+    for image in images:
+        if not np.allclose(image.cuboid_size_m, known["size_m"]):
+            shown, its = (" x ".join(f"{m:g}" for m in s) for s in (image.cuboid_size_m, known["size_m"]))
+            raise ConfigError(
+                f"{dataset}: shows a robot whose cuboid is {shown} m, in {image.truth.image_id}; the weights "
+                f"know one of {its} m: `rendezvous train-pose` on these images, or other --weights"
+            )
 
 
 def unseen_images(

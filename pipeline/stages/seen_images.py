@@ -28,6 +28,14 @@ KINDS = (PLAUSIBLE, SIGHTING)
 are left out: no robot takes them, so there is neither a camera's height nor a relative pose on a floor."""
 
 _TABLES = {PLAUSIBLE: (POSES, "pose_id"), SIGHTING: (PAIRS, "pair_id")}
+_SEEN = (
+    *("plan_id", "plan_digest", "visibility", "image", "image_width_px", "image_height_px"),
+    *("K", "T_r0_c", "T_c_o", "cuboid_size_m", "box_px"),
+)
+_NEEDED = {
+    PLAUSIBLE: ("pose_id", "mode", "T_r0_c_true", "T_r1_o", *_SEEN),
+    SIGHTING: ("pair_id", "T_r0_r1_true", *_SEEN),
+}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -122,9 +130,8 @@ def _places(reader: StageReader, split: str, kind: str) -> pa.Table:
     if not reader.shards(under):
         return pa.table({name: [] for name in columns})
     table = located_columns(reader, columns, under=under)
-    needed = (*columns, "image", "K", "T_r0_c")
     there = reader.table(reader.shards(under)[0].name).column_names
-    for name in needed:
+    for name in _NEEDED[kind]:
         if name not in there:
             raise StoreError(
                 f"{reader.root}/{under}*.parquet: has no column {name!r}; must be as `rendezvous pack` "

@@ -14,6 +14,7 @@ pytest.importorskip("matplotlib")
 
 from pipeline.cli import app
 from pipeline.errors import ConfigError, StoreError
+from pipeline.evaluation.sampling import rows_at
 from pipeline.geometry.camera import rotation_from_rpy
 from pipeline.geometry.se2 import SE2
 from pipeline.stages.evaluate_pose import PoseEvaluation, evaluate_pose
@@ -186,6 +187,7 @@ def test_a_camera_that_stands_askew_changes_what_is_given_and_not_the_truth(data
     [
         ({"split": "tests"}, "--split is 'tests'; must be one of train, validation, test"),
         ({"kinds": ("free",)}, "--images names 'free'; must be of plausible, sighting"),
+        ({"kinds": ()}, "--images names nothing; must name plausible or sighting, or both"),
         (
             {"weights": Path("none.safetensors")},
             "none.safetensors: no weights of the relative-pose estimator",
@@ -195,6 +197,48 @@ def test_a_camera_that_stands_askew_changes_what_is_given_and_not_the_truth(data
 def test_what_is_wrong_is_told_in_one_line(data, tmp_path, settings, told):
     with pytest.raises((ConfigError, StoreError), match=told):
         _evaluated(data, tmp_path, None, **settings)
+
+
+def test_images_of_a_robot_that_the_weights_do_not_know_are_told(data, images, tmp_path):
+    source = ToySource.of(images, size_m=(0.138, 0.178, 0.192))
+    with pytest.raises(ConfigError) as caught:
+        _evaluated(data, tmp_path, source)
+    assert "dataset: shows a robot whose cuboid is 0.3 x 0.2 x 0.1 m, in plan-" in str(caught.value)
+    assert "the weights know one of 0.138 x 0.178 x 0.192 m: `rendezvous train-pose`" in str(caught.value)
+
+
+@pytest.mark.parametrize("kind", [PLAUSIBLE, SIGHTING])
+def test_every_column_that_is_read_is_missed_by_its_name(data, monkeypatch, kind):
+    reader = StageReader(f"{data}/dataset")
+    read, names = StageReader.table, _columns_read(reader, kind, monkeypatch)
+    assert {"T_c_o", "image", "K"} < names
+    for name in names:
+
+        def without(self, shard, *, columns=None, name=name):
+            table = read(self, shard, columns=columns)
+            return table.drop_columns([name]) if name in table.column_names else table
+
+        monkeypatch.setattr(StageReader, "table", without)
+        with pytest.raises(StoreError, match=f"has no column '{name}'; must be as `rendezvous pack`"):
+            read_images(reader, "test", kinds=(kind,))
+
+
+def _columns_read(reader: StageReader, kind: str, monkeypatch) -> set[str]:
+    """The columns of a row that become part of an image."""
+    asked = set[str]()
+
+    class Row(dict):
+        def __getitem__(self, name):
+            asked.add(name)
+            return super().__getitem__(name)
+
+    def rows(*arguments):
+        return [Row(row) for row in rows_at(*arguments)]
+
+    with monkeypatch.context() as patched:
+        patched.setattr("pipeline.stages.seen_images.rows_at", rows)
+        read_images(reader, "test", kinds=(kind,))
+    return asked
 
 
 def test_a_dataset_without_images_is_told_in_one_line(tmp_path):

@@ -30,6 +30,7 @@ class ToySource:
         finds: whether it finds any robot.
         makes_up: a pose for images without a robot.
         plans: digests of floor plans that it was trained on.
+        size_m: sides of the cuboid of the robot that it knows.
         sigma: standard deviations that it tells.
     """
 
@@ -38,6 +39,7 @@ class ToySource:
     finds: bool = True
     makes_up: SE2 | None = None
     plans: tuple[str, ...] = ()
+    size_m: tuple[float, float, float] = (0.3, 0.2, 0.1)
     sigma: float = 0.05
     digest: str = "toy"
 
@@ -60,4 +62,4 @@ class ToySource:
         return estimate
 
     def record(self) -> dict[str, Any]:
-        return {"data": {"plan_digests": list(self.plans)}}
+        return {"data": {"plan_digests": list(self.plans)}, "robot": {"size_m": list(self.size_m)}}
