@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Literal
 
@@ -79,12 +81,30 @@ def fuse(
     )
     if out is not None:
         require_apart(request, Path(out))
-    found = fused(request)
+    with _threads_kept(request):
+        found = fused(request)
     if out is not None:
         write_fused(found, Path(out))
     for warning in found.warnings:
         warnings.warn(warning, stacklevel=2)
     return found.result
+
+
+@contextmanager
+def _threads_kept(request: FuseRequest) -> Iterator[None]:
+    """The networks run in one thread; afterwards the caller has as many as before."""
+    networks = request.refine.needs_matcher or (request.images and request.pose_estimator is None)
+    if not networks or find_spec("torch") is None:
+        yield
+        return
+    import torch
+
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
 
 
 def _pose(name: str, given: PoseLike) -> SE2:

@@ -9,6 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+import torch
 from typer.testing import CliRunner
 
 from pipeline.alignment.frame_error import frame_error
@@ -92,6 +93,19 @@ def test_files_and_arrays_give_the_same(given: Path):
     )
     assert from_files.T_m0_m1 == from_arrays.T_m0_m1
     np.testing.assert_array_equal(from_files.grid.cells, from_arrays.grid.cells)
+
+
+def test_the_caller_keeps_its_threads(given: Path):
+    before = torch.get_num_threads()
+    try:
+        torch.set_num_threads(3)
+        fuse(*maps(given), **POSES, relative=T_R0_R1, refine="learned")
+        assert torch.get_num_threads() == 3
+        with pytest.raises(PipelineError):
+            fuse(*maps(given), **POSES, image=given / "camera.yaml", camera=CAMERA)
+        assert torch.get_num_threads() == 3
+    finally:
+        torch.set_num_threads(before)
 
 
 def test_what_it_writes_can_be_read(given: Path, tmp_path: Path):
