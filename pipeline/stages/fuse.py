@@ -23,7 +23,7 @@ from pipeline.geometry.se2 import SE2, Array
 from pipeline.pose_estimation.relative_pose import ImagePoseEstimator, RelativePose
 from pipeline.robot_file import load_robot
 from pipeline.simulation.robot import RobotSpec
-from pipeline.stages.estimators import chosen_methods, trained
+from pipeline.stages.estimators import Method, chosen_methods, trained
 from pipeline.stages.fuse_inputs import (
     CameraLike,
     ImageLike,
@@ -103,6 +103,7 @@ class Fused:
         poses: what was read from each.
         camera: of the images; None where there are none.
         cuboid_size_m: of the robot that is looked for.
+        weights: file and SHA-256 of each network that was used, by name.
         seconds: that each part took.
         warnings: what was found while reading.
     """
@@ -114,6 +115,7 @@ class Fused:
     poses: tuple[RelativePose, ...]
     camera: PinholeCamera | None
     cuboid_size_m: Vec3
+    weights: dict[str, tuple[str, str]]
     seconds: dict[str, float]
     warnings: tuple[str, ...]
 
@@ -154,7 +156,7 @@ def fused(request: FuseRequest) -> Fused:
         T_r0_c = mounting(request.camera_pose, request.robot)
     meeting = Meeting(grid_0=grid_0, grid_1=grid_1, T_m0_r0=request.T_m0_r0, T_m1_r1=request.T_m1_r1)
     with clock.part("load"):
-        refiner = _refiner(request.refine)
+        refiner, weights = _refiner(request.refine), _weights(request)
         estimator = _pose_estimator(request, robot) if photographs else None
     poses = tuple[RelativePose, ...]()
     if camera is not None and estimator is not None:
@@ -169,6 +171,7 @@ def fused(request: FuseRequest) -> Fused:
         poses=poses,
         camera=camera.camera if camera else None,
         cuboid_size_m=robot.cuboid.size_m,
+        weights=weights,
         seconds=clock.seconds,
         warnings=tuple(str(w.message) for w in caught),
     )
@@ -223,10 +226,26 @@ def _refiner(refine: Refinement) -> Refiner | None:
         return None
     if refine is Refinement.CORRELATIVE:
         return correlative_refiner
-    # Its own search is not used: the refiner sets it.
-    (method,) = chosen_methods(("matcher",), {}, xy_range_m=2.0, yaw_range_rad=math.pi / 4)
     try:
-        matcher: Any = trained(method, threads=1).estimator
+        matcher: Any = trained(_matcher(), threads=1).estimator
     except SetupError as error:
         raise SetupError(f"{error}; to refine by correlative search, or not at all, does without") from error
     return matcher_refiner(matcher, with_prior=refine is Refinement.AUTO)
+
+
+def _matcher() -> Method:
+    """The matcher and its weights; its own search is not used: the refiner sets it."""
+    (method,) = chosen_methods(("matcher",), {}, xy_range_m=2.0, yaw_range_rad=math.pi / 4)
+    return method
+
+
+def _weights(request: FuseRequest) -> dict[str, tuple[str, str]]:
+    """Those of `runs/`, or else the shipped ones."""
+    used = {}
+    if request.images and request.pose_estimator is None:
+        pose = PoseWeights.found(None)
+        used["relative_pose"] = str(pose.path), pose.digest
+    if request.refine.needs_matcher:
+        matcher = _matcher()
+        used["matcher"] = str(matcher.weights), matcher.weights_digest()
+    return used

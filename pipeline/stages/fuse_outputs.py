@@ -17,8 +17,8 @@ angles in radians, a pose as `x_m, y_m, yaw_rad`, null where something is not kn
 - `overlap`: what both maps know, of what either does. `agreement_before`, `agreement_after` the refinement:
   `wall_share` of walls that coincide, `conflict_share` of cells that contradict each other, and how many
   cells each is about (`compared_cells`, `cells_known_in_both`).
-- `seconds` per part, `inputs` as given (sigmas and camera pose in metres and radians), `warnings`, `files`
-  beside the record, `versions` of packages.
+- `seconds` per part, `inputs` as given (sigmas and camera pose in metres and radians), `weights` of the
+  networks that were used (`file`, `sha256`), `warnings`, `files` beside the record, `versions` of packages.
 """
 
 from __future__ import annotations
@@ -155,6 +155,7 @@ def record_of(fused: Fused, files: list[str]) -> dict[str, Any]:
         "agreement_after": _agreement(result.after),
         "seconds": {name: round(value, 4) for name, value in fused.seconds.items()},
         "inputs": _inputs(fused),
+        "weights": {name: {"file": file, "sha256": sha} for name, (file, sha) in fused.weights.items()},
         "warnings": list(fused.warnings),
         "files": files,
         "versions": {name: metadata.version(name) for name in _PACKAGES if _installed(name)},

@@ -1,5 +1,6 @@
 """What `fuse` leaves in a folder: by its own record, by map_server's rules, and beside what was there."""
 
+import hashlib
 import json
 import shutil
 from pathlib import Path
@@ -14,6 +15,7 @@ from pipeline.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN
 from pipeline.geometry.se2 import SE2
 from pipeline.interop.ros_map import read_ros_map, write_ros_map
 from pipeline.store.disk import Disk
+from tests.conftest import ROOT
 from tests.fusion.test_system import T_R0_R1
 from tests.stages.test_fuse import POSES, Seeing, given, maps
 
@@ -75,6 +77,22 @@ def test_the_map_loads_by_the_rules_of_map_server(given: Path, tmp_path: Path, y
         np.testing.assert_array_equal(cells == meaning, result.grid.cells == value)
     assert resolution_m == result.grid.resolution_m
     assert origin == [*result.grid.T_m_g.as_array()[:2], 0.0]
+
+
+def test_the_record_names_the_weights_that_were_used(given: Path, tmp_path: Path, monkeypatch):
+    shipped = ROOT / "assets" / "weights" / "matcher.safetensors"
+    own = tmp_path / "runs" / "matcher" / "weights.safetensors"
+    monkeypatch.chdir(tmp_path)
+    for refine, path in (("correlative", None), ("learned", shipped), ("learned", own)):
+        if path == own:
+            own.parent.mkdir(parents=True)
+            own.write_bytes(shipped.read_bytes())
+        fuse(*maps(given), **POSES, relative=T_R0_R1, refine=refine, out="out")
+        told = json.loads(Path("out/result.json").read_text())["weights"]
+        assert set(told) == ({"matcher"} if path else set())
+        if path:
+            assert Path(told["matcher"]["file"]).resolve() == path
+            assert told["matcher"]["sha256"] == hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def test_what_it_is_made_from_is_never_overwritten(given: Path, tmp_path: Path):
