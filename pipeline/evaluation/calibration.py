@@ -22,7 +22,8 @@ class Calibration:
     Attributes:
         count: how many.
         coverage: by `LEVELS`, share of errors inside the ellipsoid of that probability.
-        nees_mean, nees_median: 3, and 2.37 of normal errors, if covariances are right.
+        nees_mean, nees_median: the mean is 3 if covariances are right; the median is 2.37 then of normal
+            errors, and less of heavy tails.
         spread_nll: mean negative log density of the true frame error under the normal or t distribution.
         posterior_nll: the same under the method's own posterior; None if it has none.
     """

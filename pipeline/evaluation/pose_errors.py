@@ -65,6 +65,7 @@ class PoseOutcome:
         image_id: of the image.
         T_r0_r1: its most probable reading; None if the robot was not found.
         covariance: (3, 3) of the components of `T_r0_r1⁻¹ T_r0_r1_true`; None without a pose.
+        degrees_of_freedom: of the t distribution that has this covariance; infinite: a normal one.
         T_c_o: (4, 4) pose of the cuboid that it read; None without a pose.
         others: its other readings, by falling probability.
         mass: probability of the first reading; 0 without a pose.
@@ -76,6 +77,7 @@ class PoseOutcome:
     image_id: str
     T_r0_r1: SE2 | None
     covariance: Array | None
+    degrees_of_freedom: float
     T_c_o: Array | None
     others: tuple[SE2, ...]
     mass: float
@@ -91,6 +93,7 @@ class PoseOutcome:
             image_id=image_id,
             T_r0_r1=None if best is None else best.T_r0_r1,
             covariance=None if best is None else best.covariance,
+            degrees_of_freedom=math.inf if best is None else best.degrees_of_freedom,
             T_c_o=None if best is None else best.T_c_o,
             others=tuple(mode.T_r0_r1 for mode in pose.modes[1:]),
             mass=0.0 if best is None else best.mass,
@@ -105,6 +108,7 @@ class PoseOutcome:
             "image_id": self.image_id,
             "T_r0_r1": self.T_r0_r1 and self.T_r0_r1.as_array().tolist(),
             "covariance": None if self.covariance is None else self.covariance.tolist(),
+            "degrees_of_freedom": self.degrees_of_freedom if math.isfinite(self.degrees_of_freedom) else None,
             "T_c_o": None if self.T_c_o is None else self.T_c_o.tolist(),
             "others": [pose.as_array().tolist() for pose in self.others],
             "mass": self.mass,
@@ -116,7 +120,7 @@ class PoseOutcome:
     @staticmethod
     def from_json(fields: Mapping[str, Any]) -> PoseOutcome:
         """Inverse of `to_json`."""
-        pose = fields["T_r0_r1"]
+        pose, tails = fields["T_r0_r1"], fields["degrees_of_freedom"]
         arrays = {
             name: None if fields[name] is None else np.array(fields[name]) for name in ("covariance", "T_c_o")
         }
@@ -124,6 +128,7 @@ class PoseOutcome:
             **{
                 **fields,
                 **arrays,
+                "degrees_of_freedom": math.inf if tails is None else tails,
                 "T_r0_r1": None if pose is None else SE2.from_array(pose),
                 "others": tuple(SE2.from_array(other) for other in fields["others"]),
             }
@@ -196,6 +201,11 @@ class PoseOutcomes:
         missing = np.full((3, 3), np.nan)
         pairs = zip(self.rows, self.detected, strict=True)
         return np.array([row.covariance if d else missing for row, d in pairs]).reshape(-1, 3, 3)
+
+    @cached_property
+    def degrees_of_freedom(self) -> Array:
+        """(N,) of the t distributions that have these covariances."""
+        return np.array([row.degrees_of_freedom for row in self.rows])
 
     @cached_property
     def theta(self) -> Array:

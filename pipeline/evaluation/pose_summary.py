@@ -97,8 +97,8 @@ class Coverage:
 
     Attributes:
         inside: by `calibration.LEVELS`, errors inside the ellipsoid of that probability.
-        nees_median, nees_mean: 2.37 and 3 of normal errors whose covariances are right; the mean is None if
-            a covariance is singular.
+        nees_median, nees_mean: the mean is 3 if covariances are right, and None if one is singular; the
+            median is 2.37 then of normal errors, and less of heavy tails.
     """
 
     inside: tuple[Share, ...]
@@ -216,7 +216,7 @@ def pose_group(found: PoseOutcomes, chosen: Mask) -> PoseGroup:
 def ellipsoids(found: PoseOutcomes) -> Array:
     """(D,) of each detection, the probability of the smallest ellipsoid that holds its error."""
     distance = nees(found.error[found.detected], found.covariance[found.detected])
-    return ellipsoid_probability(distance, np.full(len(distance), np.inf))
+    return ellipsoid_probability(distance, found.degrees_of_freedom[found.detected])
 
 
 def _coverage(found: PoseOutcomes) -> Coverage:

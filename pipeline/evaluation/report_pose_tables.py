@@ -112,7 +112,7 @@ def extremes_table(outcomes: PoseOutcomes) -> Html:
 def coverage_table(rows: Rows, measured: Sequence[str]) -> Html:
     """Errors inside the ellipsoids, by variant."""
     header = [
-        [("", 1), ("errors inside the ellipsoid of", 3), ("NEES (right: 2.37; 3)", 2)],
+        [("", 1), ("errors inside the ellipsoid of", 3), ("NEES (right: mean 3)", 2)],
         [("", 1), *((f"{100 * level:.0f} %", 1) for level in LEVELS), ("median", 1), ("mean", 1)],
     ]
     body: list[list[Cell | None]] = []

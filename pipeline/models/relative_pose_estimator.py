@@ -131,6 +131,7 @@ class RelativePoseEstimator:
                 covariance=calibration.covariance(reading.covariance, reading.T_r0_r1),
                 mass=float(mass),
                 T_c_o=reading.T_c_o,
+                degrees_of_freedom=calibration.degrees_of_freedom,
             )
             for reading, mass in zip(found.readings, masses, strict=True)
             if mass >= LEAST_MASS

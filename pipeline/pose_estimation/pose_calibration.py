@@ -2,8 +2,9 @@
 
 How exact peaks are is measured on the peaks themselves. What the nine points share (a network that sees a
 robot too large, a camera whose height is not quite as told) is in no peak: the covariance gets more of it
-along the line of sight and across it. How sure several readings are is made softer or sharper. And a score
-of detection says how probable it is that there is a robot where it was read.
+along the line of sight and across it, and errors are taken as a Student's t distribution has them, for a
+few poses are far worse than their peaks look. How sure several readings are is made softer or sharper. And
+a score of detection says how probable it is that there is a robot where it was read.
 """
 
 from __future__ import annotations
@@ -34,6 +35,7 @@ class PoseCalibration:
         along_share, across_share: standard deviations that are added, along and across the line of sight, as
             shares of the distance.
         floor_m, floor_rad: standard deviations that are added, of x and y and of yaw.
+        degrees_of_freedom: of the Student's t distribution that then has this covariance; more than 2.
         sharpness: exponent of the readings' probabilities.
         bias, of_explained, of_gain: of the logistic score: what it is without anything, by weight of the
             peaks that agree with the best reading, and by a tenth of the log of how much more probable it
@@ -48,6 +50,7 @@ class PoseCalibration:
     across_share: float = 0.005
     floor_m: float = 0.003
     floor_rad: float = 0.02
+    degrees_of_freedom: float = 1000.0
     sharpness: float = 1.0
     bias: float = -8.0
     of_explained: float = 20.0
@@ -64,6 +67,7 @@ class PoseCalibration:
             across_share=(0.0, 10.0),
             floor_m=(0.0, 10.0),
             floor_rad=(0.0, 3.2),
+            degrees_of_freedom=(2.01, 1e6),
             sharpness=(0.0, 100.0),
             bias=(-1e3, 1e3),
             of_explained=(-1e3, 1e3),
@@ -78,9 +82,20 @@ class PoseCalibration:
 
     def covariance(self, covariance: Array, T_r0_r1: SE2) -> Array:
         """(3, 3): what that of a reading stands for."""
-        return self.scale * covariance + added_covariance(
-            T_r0_r1, self.along_share, self.across_share, self.floor_m, self.floor_rad
-        )
+        (out,) = self.covariances(covariance[None], T_r0_r1.as_array()[None])
+        return out
+
+    def covariances(self, covariance_N33: Array, T_r0_r1_N3: Array) -> Array:
+        """(N, 3, 3): what those of readings at x [m], y [m], yaw [rad] stand for."""
+        x_m, y_m, yaw_rad = T_r0_r1_N3.T
+        distance_m, sight_rad = np.hypot(x_m, y_m), np.arctan2(y_m, x_m) - yaw_rad
+        along = np.stack([np.cos(sight_rad), np.sin(sight_rad)], axis=-1)
+        across = np.stack([-np.sin(sight_rad), np.cos(sight_rad)], axis=-1)
+        out = self.scale * covariance_N33 + np.diag(np.square([self.floor_m, self.floor_m, self.floor_rad]))
+        for direction, share in ((along, self.along_share), (across, self.across_share)):
+            sigma_m = (share * distance_m)[:, None] * direction
+            out[:, :2, :2] += sigma_m[:, :, None] * sigma_m[:, None, :]
+        return out
 
     def masses(self, log_evidence: Sequence[float]) -> Array:
         """Probability of each reading."""
@@ -114,16 +129,3 @@ class PoseCalibration:
 def score_features(reading: Reading) -> tuple[float, float]:
     """What the score of detection goes by."""
     return reading.explained, 0.1 * reading.gain
-
-
-def added_covariance(
-    T_r0_r1: SE2, along_share: float, across_share: float, floor_m: float, floor_rad: float
-) -> Array:
-    """(3, 3) in robot 1's axes, of what all points share."""
-    distance_m = float(np.hypot(T_r0_r1.x_m, T_r0_r1.y_m))
-    sight_rad = float(np.arctan2(T_r0_r1.y_m, T_r0_r1.x_m)) - T_r0_r1.yaw_rad
-    c, s = np.cos(sight_rad), np.sin(sight_rad)
-    R = np.array([[c, -s], [s, c]])
-    added = np.diag([floor_m**2, floor_m**2, floor_rad**2])
-    added[:2, :2] += R @ np.diag(np.square([along_share * distance_m, across_share * distance_m])) @ R.T
-    return added

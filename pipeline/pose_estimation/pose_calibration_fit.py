@@ -14,8 +14,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import minimize
 from scipy.special import expit, logsumexp
-from scipy.stats import chi2
 
+from pipeline.alignment.spread import log_density
 from pipeline.geometry.occupancy_grid import Mask
 from pipeline.geometry.se2 import SE2, Array
 from pipeline.pose_estimation.cuboid_pose import Reading
@@ -31,13 +31,12 @@ SAME_READING_RAD = 0.25 * np.pi
 """A reading whose heading is wrong by more took one side of the robot for another."""
 FALSE_SHARE = 0.005
 """Of images without the robot, in which one may be found: half of what is called for, for few tell it."""
-SHARPNESSES = tuple(float(s) for s in np.geomspace(0.02, 2.0, 25))
-_TAILS = 6.0
-"""Degrees of freedom of the t distribution that spreads are fitted with, so that a few bad poses count
-little."""
-_LEVELS = (0.5, 0.9, 0.95)
-_FIRST_SPREAD = (1.0, 0.02, 0.005, 0.003, 0.01)
-_LIMITS = np.log([(0.05, 50.0), (1e-4, 0.5), (1e-4, 0.5), (1e-4, 0.3), (1e-4, 1.0)])
+SHARPNESSES = tuple(float(s) for s in np.geomspace(0.01, 100.0, 49))
+"""What is tried, around 1. Where few images have several readings, the nearer to 1 the better: the log of it
+is normal to begin with, one standard deviation being a factor of e."""
+_FIRST_SPREAD = (1.0, 0.02, 0.005, 0.003, 0.01, 3.0)
+"""Scale, shares along and across, floor of x and y [m], of yaw [rad], degrees of freedom above 2."""
+_LIMITS = np.log([(0.05, 50.0), (1e-4, 0.5), (1e-4, 0.5), (1e-4, 0.3), (1e-4, 1.0), (0.1, 1e3)])
 _NOISE_LIMITS = np.log([(0.01, 3.0), (0.001, 30.0)])
 _RIDGE = 1e-3
 
@@ -142,13 +141,14 @@ def _least_score(score_N: Array, right_N: Mask, wrong_images: int) -> float:
 
 
 def with_spread(calibration: PoseCalibration, right: Sequence[ReadImage]) -> PoseCalibration:
-    """The covariance under which errors are most likely, scaled so that ellipsoids hold as many as they
-    should."""
+    """The covariance and the degrees of freedom under which errors are most likely."""
     read = [one for image in right if (one := _nearest(image)) is not None]
     errors = np.array([error for _, error in read])
+    told = np.array([reading.covariance for reading, _ in read])
+    poses = np.array([reading.T_r0_r1.as_array() for reading, _ in read])
 
     def changed(logs: Array) -> PoseCalibration:
-        scale, along, across, floor_m, floor_rad = np.exp(np.clip(logs, *_LIMITS.T)).tolist()
+        scale, along, across, floor_m, floor_rad, tails = np.exp(np.clip(logs, *_LIMITS.T)).tolist()
         return replace(
             calibration,
             scale=scale,
@@ -156,31 +156,16 @@ def with_spread(calibration: PoseCalibration, right: Sequence[ReadImage]) -> Pos
             across_share=across,
             floor_m=floor_m,
             floor_rad=floor_rad,
+            degrees_of_freedom=2.0 + tails,
         )
 
-    def nees(found: PoseCalibration) -> tuple[Array, Array]:
-        covariances = np.array([found.covariance(r.covariance, r.T_r0_r1) for r, _ in read])
-        solved = np.linalg.solve(covariances, errors[..., None])[..., 0]
-        return (errors * solved).sum(axis=1), np.linalg.slogdet(covariances)[1]
-
     def cost(logs: Array) -> float:
-        distance, log_det = nees(changed(logs))
-        return float((0.5 * log_det + 0.5 * (_TAILS + 3.0) * np.log1p(distance / _TAILS)).mean())
+        tried = changed(logs)
+        tails = np.full(len(read), tried.degrees_of_freedom)
+        return -float(log_density(errors, tried.covariances(told, poses), tails).mean())
 
-    best = minimize(
-        cost, np.log(_FIRST_SPREAD), method="Nelder-Mead", options={"maxiter": 2000, "fatol": 1e-4}
-    )
-    found = changed(best.x)
-    ratios = np.quantile(nees(found)[0], _LEVELS) / chi2.ppf(_LEVELS, 3)
-    wider = float(np.exp(np.log(ratios).mean()))
-    return replace(
-        found,
-        scale=wider * found.scale,
-        **{
-            name: float(np.sqrt(wider)) * getattr(found, name)
-            for name in ("along_share", "across_share", "floor_m", "floor_rad")
-        },
-    )
+    options = {"xatol": 1e-3, "fatol": 1e-5, "maxiter": 4000, "maxfev": 4000}
+    return changed(minimize(cost, np.log(_FIRST_SPREAD), method="Nelder-Mead", options=options).x)
 
 
 def with_sharpness(calibration: PoseCalibration, right: Sequence[ReadImage]) -> PoseCalibration:
@@ -194,20 +179,20 @@ def with_sharpness(calibration: PoseCalibration, right: Sequence[ReadImage]) -> 
             for image, d in zip(right, densities, strict=True)
         ]
         # An image whose truth none of its readings holds says nothing of which to believe.
-        return float(np.maximum(logs, -20.0).mean())
+        return float(np.maximum(logs, -20.0).sum()) - 0.5 * np.log(sharpness) ** 2
 
     return replace(calibration, sharpness=max(SHARPNESSES, key=likelihood))
 
 
 def _log_densities(calibration: PoseCalibration, image: ReadImage) -> Array:
-    """(M,) of the truth under each reading, up to a constant."""
+    """(M,) of the truth under each reading."""
     assert image.T_r0_r1 is not None
-    out = []
-    for reading in image.readings:
-        error = _error(reading, image.T_r0_r1)
-        covariance = calibration.covariance(reading.covariance, reading.T_r0_r1)
-        out.append(-0.5 * (error @ np.linalg.solve(covariance, error) + np.linalg.slogdet(covariance)[1]))
-    return np.array(out)
+    readings = image.readings
+    return log_density(
+        np.array([_error(reading, image.T_r0_r1) for reading in readings]),
+        np.array([calibration.covariance(reading.covariance, reading.T_r0_r1) for reading in readings]),
+        np.full(len(readings), calibration.degrees_of_freedom),
+    )
 
 
 def _nearest(image: ReadImage) -> tuple[Reading, Array] | None:

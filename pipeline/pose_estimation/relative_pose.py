@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -21,17 +22,21 @@ class PoseMode:
         covariance: (3, 3) of the components x [m], y [m], yaw [rad] of `T_r0_r1⁻¹ T_r0_r1_true`.
         mass: its probability, in (0, 1].
         T_c_o: (4, 4) pose of the cuboid in the camera that it was read from.
+        degrees_of_freedom: of the Student's t distribution that has this covariance, more than 2; infinite:
+            normal.
     """
 
     T_r0_r1: SE2
     covariance: Array
     mass: float
     T_c_o: Array
+    degrees_of_freedom: float = math.inf
 
     def __post_init__(self) -> None:
         assert self.covariance.shape == (3, 3), self.covariance.shape
         assert self.T_c_o.shape == (4, 4), self.T_c_o.shape
         assert 0.0 < self.mass <= 1.0, self.mass
+        assert self.degrees_of_freedom > 2.0, self.degrees_of_freedom
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

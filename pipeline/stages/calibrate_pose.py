@@ -4,7 +4,6 @@ weights."""
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -57,16 +56,14 @@ def calibrate_pose(
     """
     torch.set_num_threads(threads)
     disk = Disk(str(weights.parent))
-    data, where = disk.read(weights.name), str(weights)
+    checkpoint = read_checkpoint(disk.read(weights.name), where=str(weights))
     # As the maps have it, whatever an earlier calibration said.
-    estimator = replace(load_relative_pose(data, where=where), calibration=PoseCalibration())
+    bare = retold(checkpoint, calibration=PoseCalibration().as_dict())
+    estimator = load_relative_pose(bare, where=str(weights))
     images = read_images(StageReader(dataset, "pack"), _SPLIT, count=count, seed=seed)
     calibration, found = _calibration(estimator, images, dataset, console)
     told = {"images": len(images), "found": found, "data": digest_of_images(images)}
-    disk.write(
-        weights.name,
-        retold(read_checkpoint(data, where=where), calibration=calibration.as_dict(), calibrated_on=told),
-    )
+    disk.write(weights.name, retold(checkpoint, calibration=calibration.as_dict(), calibrated_on=told))
     console.print(_told(calibration, len(images), found), highlight=False)
     return calibration
 
@@ -151,6 +148,7 @@ def _told(calibration: PoseCalibration, images: int, found: int) -> str:
         f"calibrate: on {images} validation images, the robot found in {found}: peaks to "
         f"{calibration.peak_floor_cells:.3f} cells; added {100.0 * calibration.along_share:.2f} % of the "
         f"distance along the sight, {100.0 * calibration.across_share:.2f} % across, "
-        f"{1e3 * calibration.floor_m:.1f} mm, {np.degrees(calibration.floor_rad):.2f} deg; sharpness "
-        f"{calibration.sharpness:.2f}; found from score {calibration.least_score:.3f} on"
+        f"{1e3 * calibration.floor_m:.1f} mm, {np.degrees(calibration.floor_rad):.2f} deg; "
+        f"{calibration.degrees_of_freedom:.1f} degrees of freedom; sharpness {calibration.sharpness:.2f}; "
+        f"found from score {calibration.least_score:.3f} on"
     )

@@ -85,11 +85,17 @@ def test_a_robot_to_the_left_that_faces_ahead_is_seen_from_its_right():
 
 
 @pytest.mark.parametrize(
-    "pose", [read_as(), read_as(mode(AHEAD, mass=0.7), mode(SE2(1.0, 0.0, 0.0), mass=0.2))]
+    "pose",
+    [
+        read_as(),
+        read_as(mode(AHEAD, mass=0.7), mode(SE2(1.0, 0.0, 0.0), mass=0.2)),
+        read_as(mode(AHEAD, degrees_of_freedom=4.5)),
+    ],
 )
 def test_outcomes_survive_json(pose):
     row = PoseOutcome.of("image", pose, duration_s=0.25)
     again = PoseOutcome.from_json(row.to_json())
     assert again.to_json() == row.to_json()
     assert again.T_r0_r1 == row.T_r0_r1
+    assert again.degrees_of_freedom == row.degrees_of_freedom
     assert again.others == row.others

@@ -31,9 +31,17 @@ def truth(
     )
 
 
-def mode(T_r0_r1: SE2, *, mass: float = 1.0, sigma: float = 0.1) -> PoseMode:
+def mode(
+    T_r0_r1: SE2, *, mass: float = 1.0, sigma: float = 0.1, degrees_of_freedom: float = math.inf
+) -> PoseMode:
     T_c_o = np.linalg.inv(T_R0_C) @ se3_from_se2(T_r0_r1)
-    return PoseMode(T_r0_r1=T_r0_r1, covariance=sigma**2 * np.eye(3), mass=mass, T_c_o=T_c_o)
+    return PoseMode(
+        T_r0_r1=T_r0_r1,
+        covariance=sigma**2 * np.eye(3),
+        mass=mass,
+        T_c_o=T_c_o,
+        degrees_of_freedom=degrees_of_freedom,
+    )
 
 
 def read_as(*modes: PoseMode, score: float = 0.9) -> RelativePose:

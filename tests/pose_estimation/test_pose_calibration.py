@@ -2,8 +2,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.stats import chi2
 
+from pipeline.alignment.spread import ellipsoid_probability, nees
 from pipeline.errors import ConfigError
 from pipeline.geometry.se2 import SE2, Array
 from pipeline.pose_estimation.cuboid_pose import Reading
@@ -34,12 +34,14 @@ def reading(
 
 
 def images(rng: np.random.Generator, calibration: PoseCalibration, count: int) -> list[ReadImage]:
-    """Readings whose errors are as the calibration has them, normal; every fifth image without the robot."""
+    """Readings whose errors are as the calibration has them; every fifth image without the robot."""
+    nu = calibration.degrees_of_freedom
     out = []
     for number in range(count):
         true = SE2(rng.uniform(0.5, 4.0), rng.uniform(-1.0, 1.0), rng.uniform(-3.0, 3.0))
         covariance = np.diag(rng.uniform(0.3, 3.0) * np.array([2e-4, 1e-4, 3e-4]))
         error = rng.multivariate_normal(np.zeros(3), calibration.covariance(covariance, true))
+        error *= np.sqrt((nu - 2.0) / rng.chisquare(nu))
         if number % 5:
             read = reading(true @ SE2.from_array(error).inverse(), covariance=covariance,
                            explained=rng.uniform(0.6, 0.95))  # fmt: skip
@@ -50,21 +52,32 @@ def images(rng: np.random.Generator, calibration: PoseCalibration, count: int) -
     return out
 
 
-def test_the_spread_of_errors_is_found_again():
+@pytest.mark.parametrize("tails", [4.0, 1000.0])
+def test_the_spread_of_errors_is_found_again(tails):
     rng = np.random.default_rng(0)
-    true = PoseCalibration(scale=1.5, along_share=0.03, across_share=0.004, floor_m=0.004, floor_rad=0.03)
+    true = PoseCalibration(
+        scale=1.5,
+        along_share=0.03,
+        across_share=0.004,
+        floor_m=0.004,
+        floor_rad=0.03,
+        degrees_of_freedom=tails,
+    )
     found = fitted(KeypointNoise(), images(rng, true, 500))
-    assert found.along_share == pytest.approx(0.03, rel=0.2)
+    assert found.along_share == pytest.approx(0.03, rel=0.25)
     assert found.across_share < 0.015
     assert found.floor_rad == pytest.approx(0.03, rel=0.3)
-    distances = []
+    assert (found.degrees_of_freedom < 8.0) == (tails == 4.0)
+    errors, covariances = [], []
     for image in images(rng, true, 1000):
         if image.T_r0_r1 is not None:
             (read,) = image.readings
-            error = (read.T_r0_r1.inverse() @ image.T_r0_r1).wrapped().as_array()
-            distances.append(error @ np.linalg.solve(found.covariance(read.covariance, read.T_r0_r1), error))
+            errors.append((read.T_r0_r1.inverse() @ image.T_r0_r1).wrapped().as_array())
+            covariances.append(found.covariance(read.covariance, read.T_r0_r1))
+    degrees = np.full(len(errors), found.degrees_of_freedom)
+    held = ellipsoid_probability(nees(np.array(errors), np.array(covariances)), degrees)
     for level in (0.5, 0.9, 0.95):
-        assert np.mean(np.array(distances) <= chi2.ppf(level, 3)) == pytest.approx(level, abs=0.05)
+        assert np.mean(held <= level) == pytest.approx(level, abs=0.05)
 
 
 def test_what_is_added_along_the_sight_lies_along_it():
@@ -111,6 +124,12 @@ def test_readings_are_as_probable_as_they_are_right():
         right.append(ReadImage(readings=tuple(pair), T_r0_r1=truth))
     assert with_sharpness(PoseCalibration(), right).sharpness == pytest.approx(0.25, rel=0.3)
     assert PoseCalibration(sharpness=0.5).masses([0.0, -2.0]) == pytest.approx([0.731, 0.269], abs=1e-3)
+
+
+def test_probabilities_stay_where_no_image_has_several_readings():
+    rng = np.random.default_rng(6)
+    right = [image for image in images(rng, PoseCalibration(), 50) if image.right]
+    assert with_sharpness(PoseCalibration(), right).sharpness == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize("cells", [0.08, 0.3])
