@@ -36,16 +36,9 @@ def fusion_picture(meeting: Meeting, result: FusionResult) -> Image:
     Returns:
         (H, W, 3) uint8 RGB, along the axes of m0.
     """
-    lower_m, upper_m = _bounds_m(meeting, result.T_m0_m1)
-    extent_m = upper_m - lower_m
-    px_per_m = min(MOST_PX_PER_M, LONGER_PX / float(extent_m.max()))
-    width_px, height_px = (
-        max(LEAST_PX, round(float(extent_m[0]) * px_per_m)),
-        round(float(extent_m[1]) * px_per_m),
-    )
-    view = fitted_view(lower_m, upper_m, px_per_m=px_per_m, centre_uv_px=(width_px / 2.0, height_px / 2.0))
+    view, size_px = view_of_both(meeting, result.T_m0_m1)
+    width_px, height_px = size_px
     panel = Canvas(width_px, height_px)
-    size_px = (width_px, height_px)
     panel.image[:] = blended(
         [
             sampled(meeting.grid_0, SE2.identity(), view, size_px),
@@ -53,8 +46,21 @@ def fusion_picture(meeting: Meeting, result: FusionResult) -> Image:
         ]
     )
     _draw_meeting(panel, view, meeting, result)
-    panel.scale_bar(_EDGE_PX, height_px - _EDGE_PX, px_per_m=px_per_m, longest_px=160)
+    panel.scale_bar(_EDGE_PX, height_px - _EDGE_PX, px_per_m=view.px_per_m, longest_px=160)
     return np.concatenate([_header(width_px, result), panel.image])
+
+
+def view_of_both(meeting: Meeting, T_m0_m1: SE2) -> tuple[View, tuple[int, int]]:
+    """Where m0 lies on a panel that shows all that both maps know, and that panel's width and height [px]."""
+    lower_m, upper_m = _bounds_m(meeting, T_m0_m1)
+    extent_m = upper_m - lower_m
+    px_per_m = min(MOST_PX_PER_M, LONGER_PX / float(extent_m.max()))
+    width_px, height_px = (
+        max(LEAST_PX, round(float(extent_m[0]) * px_per_m)),
+        round(float(extent_m[1]) * px_per_m),
+    )
+    centre_px = width_px / 2.0, height_px / 2.0
+    return fitted_view(lower_m, upper_m, px_per_m=px_per_m, centre_uv_px=centre_px), (width_px, height_px)
 
 
 def sighting_picture(image: Image, camera: PinholeCamera, pose: RelativePose, size_m: Vec3) -> Image:
