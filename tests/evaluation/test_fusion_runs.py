@@ -52,6 +52,18 @@ def test_a_wrong_relative_pose_leaves_its_error_at_the_meeting_point(meeting):
     assert found.runs[(TRUE, "none")].iou == 1.0
 
 
+def test_maps_agree_within_a_cell_and_no_more(meeting):
+    pair, true = meeting
+    within, beyond = (
+        run_rendezvous(pair, true, read_as(mode(true @ SE2(off_m, 0.0, 0.0))), {"none": None})
+        .runs[(ESTIMATED, "none")]
+        .iou
+        for off_m in (0.04, 0.16)
+    )
+    assert within > 0.98
+    assert beyond < 0.85
+
+
 def test_maps_mend_a_wrong_relative_pose(meeting):
     pair, true = meeting
     found = run_rendezvous(pair, true, read_as(mode(true @ SE2(0.2, -0.2, 0.1), sigma=0.2)), REFINERS)
