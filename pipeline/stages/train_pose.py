@@ -71,14 +71,17 @@ def train_pose(run: Run, *, out: Path | None = None, resume: bool = False) -> Pa
 
 
 def _calibrate(run: Run, validation_rows: int, folder: Path) -> None:
-    """Fit the confidence where enough robots are found; a short run need not get there."""
+    """Fit the confidence where enough robots are found; a short run need not get there.
+
+    Nor need all images be such as a robot takes: what is trained is kept without a calibration then.
+    """
     if validation_rows < LEAST_ROWS:
         run.say(f"calibrate: left out, {validation_rows} validation images; it takes {LEAST_ROWS}")
         return
     weights, dataset = folder / WEIGHTS, run.folder("pack")
     try:
         calibrate_pose(weights, dataset, seed=run.config.seed, threads=run.workers, console=run.console)
-    except ConfigError as error:
+    except (ConfigError, StoreError) as error:
         run.say(f"calibrate: left out, {error}")
 
 

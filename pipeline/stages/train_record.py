@@ -13,6 +13,7 @@ from rich.status import Status
 from torch.utils.tensorboard import SummaryWriter
 
 from pipeline.config_sections import TrainingSection
+from pipeline.errors import StoreError
 from pipeline.pose_estimation.look import Image
 from pipeline.progress import LINE_EVERY_S
 from pipeline.store.disk import Disk
@@ -68,7 +69,7 @@ class Recorder(Generic[Model]):
         if processes.first:
             # What a killed run told after its last checkpoint is told once more: TensorBoard shall drop it.
             purge_step = resumed_samples + 1 if resumed_samples else None
-            self._events = SummaryWriter(str(folder), purge_step=purge_step)
+            self._events = _events(folder, purge_step)
         self._status: Status | None = None
         self._saved_s = self._told_s = time.monotonic()
         self._rate_from: tuple[float, int] | None = None
@@ -173,3 +174,16 @@ class Recorder(Generic[Model]):
 
     def _say(self, line: str) -> None:
         self._console.print(f"train {self._model}: {line}", highlight=False, markup=False, soft_wrap=True)
+
+
+def _events(folder: Path, purge_step: int | None) -> SummaryWriter:
+    """TensorBoard's, in the folder of the run: the first that is written there.
+
+    Raises:
+        StoreError: it is no folder that can be written to.
+    """
+    try:
+        return SummaryWriter(str(folder), purge_step=purge_step)
+    except OSError as error:
+        told = (error.strerror or str(error)).lower()
+        raise StoreError(f"{folder}: {told}; --out must name a folder that can be written to") from error

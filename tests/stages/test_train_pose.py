@@ -27,7 +27,7 @@ from pipeline.training.checkpoint import fit_weights_in_place, read_checkpoint
 from pipeline.training.pose_model import PoseModel
 from pipeline.training.poses import poses_per_split
 from tests.conftest import ROOT, run_in
-from tests.synthetic_dataset import explored, synthetic_run
+from tests.synthetic_dataset import POSE_ROWS, explored, rendered, synthetic_run
 
 TINY = {"width": 16, "blocks": 0, "feature_channels": 8, "stages": 2, "stage_channels": 8, "stage_layers": 1}
 SETS = (
@@ -163,6 +163,14 @@ def test_a_dataset_without_poses_is_one_line_and_exit_2(data: Path, tmp_path: Pa
     assert "no poses in poses/train-*.parquet" in shown.stderr
 
 
+def test_a_file_where_the_run_shall_be_is_told(data: Path, tmp_path: Path):
+    taken = tmp_path / "taken"
+    taken.write_text("a file")
+    for out in (taken, taken / "run"):
+        with pytest.raises(StoreError, match=r"taken.*: .*; --out must name a folder that can be written to"):
+            trained(data, out)
+
+
 def test_a_truncated_checkpoint_is_told(data: Path, tmp_path: Path):
     trained(data, tmp_path, "train_pose.samples=8")
     path = tmp_path / CHECKPOINT
@@ -187,6 +195,19 @@ def test_a_network_that_finds_too_few_robots_is_left_uncalibrated(data: Path, tm
     said = trained(data, tmp_path, "train_pose.samples=8")
     assert "calibrate: left out, " in said
     assert (tmp_path / WEIGHTS).is_file()
+
+
+def test_a_network_of_images_that_no_robot_takes_is_left_uncalibrated(tmp_path: Path, monkeypatch):
+    monkeypatch.setattr("pipeline.stages.train_pose.LEAST_ROWS", 1)
+    freely = {"mode": "free", "T_r0_c": None, "T_r0_c_true": None}
+    explored(tmp_path)
+    poses = [[row | freely for row in plan] for plan in POSE_ROWS]
+    rendered(tmp_path, views=False, poses=poses, parameters={"free": True})
+    pack(synthetic_run(tmp_path, "pack.validation_fraction=0.1", "pack.test_fraction=0.1"))
+    said = trained(tmp_path, tmp_path / "run", "train_pose.samples=8")
+    assert "calibrate: left out, " in said
+    assert "no plausible or sighting images of split validation" in said
+    assert (tmp_path / "run" / WEIGHTS).is_file()
 
 
 @pytest.mark.slow
