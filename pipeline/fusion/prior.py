@@ -12,8 +12,8 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import chdtr
 
+from pipeline.alignment.spread import ellipsoid_probability, nees
 from pipeline.alignment.window import SearchRange
 from pipeline.errors import require_within
 from pipeline.fusion.sighted_pose import OUTLIER_SHARE, SightedMode, SightedPose
@@ -57,12 +57,17 @@ class FrameErrorPrior:
     """The frame error θ_w as the sighting has it.
 
     Attributes:
-        modes: one for each of the sighting's.
+        modes: one for each of the sighting's. A search takes them as normal, of the covariance they have.
         outlier: what is left if the sighting is of something else.
+        degrees_of_freedom: of the t distributions that the modes are; infinite: normal.
     """
 
     modes: tuple[Gaussian, ...]
     outlier: Gaussian
+    degrees_of_freedom: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        assert len(self.modes) == len(self.degrees_of_freedom), self.degrees_of_freedom
 
     @property
     def parts(self) -> tuple[Gaussian, ...]:
@@ -86,18 +91,16 @@ class FrameErrorPrior:
             mean = (R.inverse() @ part.mean @ R).wrapped()
             return replace(part, mean=mean, covariance=back @ part.covariance @ back.T)
 
-        return FrameErrorPrior(modes=tuple(map(turned, self.modes)), outlier=turned(self.outlier))
+        return replace(self, modes=tuple(map(turned, self.modes)), outlier=turned(self.outlier))
 
     def surprise(self, theta: SE2, covariance: Array) -> float:
         """How improbable the nearest mode is, given an estimate with its own covariance: 1 - p, in [0, 1].
 
         Near 1, the estimate contradicts the sighting.
         """
-        distances = []
-        for mode in self.modes:
-            d = (mode.mean.inverse() @ theta).wrapped().as_array()
-            distances.append(d @ np.linalg.solve(mode.covariance + covariance, d))
-        return float(chdtr(3, min(distances)))
+        errors = [(mode.mean.inverse() @ theta).wrapped().as_array() for mode in self.modes]
+        distances = nees(np.array(errors), np.array([mode.covariance + covariance for mode in self.modes]))
+        return float(ellipsoid_probability(distances, np.array(self.degrees_of_freedom)).min())
 
 
 def frame_error_prior(sighting: SightedPose, T_m0_r0: SE2, *, slam: SlamSpread) -> FrameErrorPrior | None:
@@ -115,7 +118,11 @@ def frame_error_prior(sighting: SightedPose, T_m0_r0: SE2, *, slam: SlamSpread) 
     outlier = Gaussian(
         mean=SE2.identity(), covariance=np.diag(np.square(OUTLIER_SIGMAS)), weight=OUTLIER_SHARE
     )
-    return FrameErrorPrior(modes=tuple(parts), outlier=outlier)
+    return FrameErrorPrior(
+        modes=tuple(parts),
+        outlier=outlier,
+        degrees_of_freedom=tuple(mode.degrees_of_freedom for mode in sighting.modes),
+    )
 
 
 def _part(mode: SightedMode, T_r0_best: SE2, phi_rad: float, slam: SlamSpread) -> Gaussian:

@@ -41,12 +41,15 @@ class SightedMode:
             nothing is known of it.
         mass: its probability, in (0, 1].
         images: numbers of the images that it rests on.
+        degrees_of_freedom: of the Student's t distribution that has this covariance, more than 2; infinite:
+            normal.
     """
 
     T_r0_r1: SE2
     covariance: Array | None
     mass: float
     images: tuple[int, ...] = ()
+    degrees_of_freedom: float = math.inf
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -109,7 +112,13 @@ def _times(
     were masses not normalised after every image, those of some dozens would overflow.
     """
     read = [
-        SightedMode(T_r0_r1=m.T_r0_r1, covariance=m.covariance, mass=m.mass, images=(number,))
+        SightedMode(
+            T_r0_r1=m.T_r0_r1,
+            covariance=m.covariance,
+            mass=m.mass,
+            images=(number,),
+            degrees_of_freedom=m.degrees_of_freedom,
+        )
         for m in pose.modes
     ]
     sure, mistaken = 1.0 - OUTLIER_SHARE, OUTLIER_SHARE * OUTLIER_DENSITY
@@ -128,7 +137,9 @@ def _product(a: SightedMode, b: SightedMode, sure: float) -> SightedMode:
     """Two normal distributions multiplied; the mass is that of both agreeing so well.
 
     With `x` the components of `T_a⁻¹ T`, those of `T_b⁻¹ T` are `J (x - d)`, with d the components of
-    `T_a⁻¹ T_b`: the product is exactly normal in x, headings being close.
+    `T_a⁻¹ T_b`: the product is exactly normal in x, headings being close. Of t distributions that is near
+    where both are dense; the tails of their product fall as those of one with `ν_a + ν_b + 3` degrees of
+    freedom do.
     """
     assert a.covariance is not None
     assert b.covariance is not None
@@ -146,6 +157,7 @@ def _product(a: SightedMode, b: SightedMode, sure: float) -> SightedMode:
         covariance=back @ (0.5 * (covariance + covariance.T)) @ back.T,
         mass=a.mass * b.mass * sure * math.exp(log_density),
         images=(*a.images, *b.images),
+        degrees_of_freedom=a.degrees_of_freedom + b.degrees_of_freedom + 3.0,
     )
 
 

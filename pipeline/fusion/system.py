@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
@@ -39,6 +40,7 @@ class FusionResult:
         T_m0_w: the window's centre: where T̃ puts robot 1.
         covariance: (3, 3) of the components x [m], y [m], yaw [rad] of the frame error that T̂ has left,
             `θ̂_w⁻¹ θ_w`: seen from w, along the axes of m0. None if nothing is known of it.
+        degrees_of_freedom: of the Student's t distribution that has this covariance; infinite: normal.
         estimate: of the frame error of T̃; None if it was not looked for.
         sighting: all ways to read it.
         overlap: |known_0 ∩ known_1| / |known_0 ∪ known_1| under T̂.
@@ -51,6 +53,7 @@ class FusionResult:
     T_m0_m1_initial: SE2
     T_m0_w: SE2
     covariance: Array | None
+    degrees_of_freedom: float
     estimate: Estimate | None
     sighting: SightedPose
     overlap: float
@@ -88,7 +91,7 @@ def fuse_maps(
         grid = merged(meeting.grid_0, meeting.grid_1, T_m0_m1)
     with part("check"):
         before, after = (map_agreement(meeting.grid_0, meeting.grid_1, T) for T in (T_initial, T_m0_m1))
-        covariance = _covariance(found, prior)
+        covariance, tails = _spread(found, prior)
         doubts = pose_doubts(meeting) + sighting_doubts(sighting, refined=theta is not None)
         if found:
             doubts += refinement_doubts(found, prior, (before, after))
@@ -100,6 +103,7 @@ def fuse_maps(
         T_m0_m1_initial=T_initial,
         T_m0_w=T_m0_w,
         covariance=covariance,
+        degrees_of_freedom=tails,
         estimate=found.estimate if found else None,
         sighting=sighting,
         overlap=shared,
@@ -109,8 +113,9 @@ def fuse_maps(
     )
 
 
-def _covariance(found: Refined | None, prior: FrameErrorPrior | None) -> Array | None:
-    """Of what is left of the frame error: the maps', or the sighting's where they told nothing."""
+def _spread(found: Refined | None, prior: FrameErrorPrior | None) -> tuple[Array | None, float]:
+    """Covariance and degrees of freedom of what is left of the frame error: the maps', or the sighting's
+    where they told nothing."""
     if found and found.estimate.theta is not None:
-        return found.estimate.covariance
-    return prior.modes[0].covariance if prior else None
+        return found.estimate.covariance, found.estimate.degrees_of_freedom
+    return (prior.modes[0].covariance, prior.degrees_of_freedom[0]) if prior else (None, math.inf)

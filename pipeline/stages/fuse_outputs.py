@@ -9,11 +9,12 @@ angles in radians, a pose as `x_m, y_m, yaw_rad`, null where something is not kn
   `T_m1_m0`, `T_m1_m0_initial`: their inverses; `T_m0_r1`: where robot 1 stood, in map 0.
 - `frame_error`: `theta_w`, that of the initial transform seen from C, which is `window_centre_m0` [x, y] with
   the axes of map 0, so that `T_m0_m1 = C theta_w^-1 C^-1 T_m0_m1_initial`; null if none was looked for or
-  found. `covariance`: 3 x 3 of the components of what is left of it (`degrees_of_freedom` of Student's t,
-  null: normal). `ambiguous`: the maps fit in more than one way. `refined_by`: the `refine` asked for.
-- `sighting`: ways to read it, the best first: `T_r0_r1`, `covariance` (3 x 3, of `T_r0_r1^-1 T_true`), `mass`
-  (probability), `images` it rests on. `images`: of each its `name`, whether the robot was `found`, `score`,
-  the `reason` if not, and the `modes` it can be read by.
+  found. `covariance`: 3 x 3 of the components of what is left of it (`degrees_of_freedom` of the Student's t
+  distribution that has it, null: normal). `ambiguous`: the maps fit in more than one way. `refined_by`: the
+  `refine` asked for.
+- `sighting`: ways to read it, the best first: `T_r0_r1`, `covariance` (3 x 3, of `T_r0_r1^-1 T_true`) with
+  `degrees_of_freedom`, `mass` (probability), `images` it rests on. `images`: of each its `name`, whether the
+  robot was `found`, `score`, the `reason` if not, and the `modes` it can be read by.
 - `overlap`: what both maps know, of what either does. `agreement_before`, `agreement_after` the refinement:
   `wall_share` of walls that coincide, `conflict_share` of cells that contradict each other, and how many
   cells each is about (`compared_cells`, `cells_known_in_both`).
@@ -36,11 +37,12 @@ from pipeline.errors import ConfigError
 from pipeline.evaluation.canvas import encoded_png
 from pipeline.evaluation.fusion_figures import fusion_picture, sighting_picture
 from pipeline.fusion.agreement import MapAgreement
+from pipeline.fusion.sighted_pose import SightedMode
 from pipeline.fusion.verdict import spread_of
 from pipeline.geometry.occupancy_grid import OccupancyGrid
 from pipeline.geometry.se2 import SE2, Array
 from pipeline.interop.ros_map import map_image_path, ros_map_bytes
-from pipeline.pose_estimation.relative_pose import RelativePose
+from pipeline.pose_estimation.relative_pose import PoseMode, RelativePose
 from pipeline.stages.fuse import Fused, FuseRequest
 from pipeline.store.disk import Disk
 from pipeline.store.records import json_bytes
@@ -138,15 +140,7 @@ def record_of(fused: Fused, files: list[str]) -> dict[str, Any]:
         "T_m1_m0_initial": _pose(result.T_m0_m1_initial.inverse()),
         "T_m0_r1": _pose(result.T_m0_m1 @ fused.meeting.T_m1_r1),
         "frame_error": _frame_error(fused),
-        "sighting": [
-            {
-                "T_r0_r1": _pose(mode.T_r0_r1),
-                "covariance": _rows(mode.covariance),
-                "mass": mode.mass,
-                "images": list(mode.images),
-            }
-            for mode in result.sighting.modes
-        ],
+        "sighting": [{**_mode(mode), "images": list(mode.images)} for mode in result.sighting.modes],
         "images": [
             _image(shot.name, pose) for shot, pose in zip(fused.photographs, fused.poses, strict=True)
         ],
@@ -207,13 +201,12 @@ def _frame_error(fused: Fused) -> dict[str, Any]:
     """Of the initial alignment, in the window frame, and what is left of it."""
     result, estimate = fused.result, fused.result.estimate
     theta = estimate.theta if estimate else None
-    nu = estimate.degrees_of_freedom if estimate else math.inf
     return {
         "window_centre_m0": [result.T_m0_w.x_m, result.T_m0_w.y_m],
         "theta_w": None if theta is None else _pose(theta),
         "covariance": _rows(result.covariance),
         "covariance_is_of": "x [m], y [m], yaw [rad] of the frame error that is left, at the centre",
-        "degrees_of_freedom": nu if math.isfinite(nu) else None,
+        "degrees_of_freedom": _tails(result.degrees_of_freedom),
         "ambiguous": bool(estimate and estimate.ambiguous),
         "refined_by": str(fused.request.refine),
     }
@@ -242,11 +235,21 @@ def _image(name: str, pose: RelativePose) -> dict[str, Any]:
         "found": pose.found,
         "score": float(pose.score),
         "reason": pose.reason,
-        "modes": [
-            {"T_r0_r1": _pose(mode.T_r0_r1), "covariance": _rows(mode.covariance), "mass": float(mode.mass)}
-            for mode in pose.modes
-        ],
+        "modes": [_mode(mode) for mode in pose.modes],
     }
+
+
+def _mode(mode: PoseMode | SightedMode) -> dict[str, Any]:
+    return {
+        "T_r0_r1": _pose(mode.T_r0_r1),
+        "covariance": _rows(mode.covariance),
+        "degrees_of_freedom": _tails(mode.degrees_of_freedom),
+        "mass": float(mode.mass),
+    }
+
+
+def _tails(degrees_of_freedom: float) -> float | None:
+    return degrees_of_freedom if math.isfinite(degrees_of_freedom) else None
 
 
 def _agreement(agreement: MapAgreement) -> dict[str, Any]:

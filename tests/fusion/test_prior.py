@@ -97,3 +97,18 @@ def test_only_what_the_sighting_does_not_allow_is_surprising():
     assert prior.surprise(SE2(0.01, 0.01, 0.005), np.zeros((3, 3))) < 0.5
     assert prior.surprise(SE2(0.5, 0.0, 0.0), np.zeros((3, 3))) > 0.999
     assert prior.surprise(SE2(0.5, 0.0, 0.0), np.eye(3)) < 0.5
+
+
+def test_heavy_tails_make_a_far_estimate_less_surprising():
+    """An error drawn from the prior itself is more surprising than p in a share 1 - p of cases."""
+    rng, tails = np.random.default_rng(5), 5.0
+    heavy = SightedMode(T_r0_r1=SEEN, covariance=SHAPE, mass=1.0, degrees_of_freedom=tails)
+    prior = frame_error_prior(SightedPose(modes=(heavy,)), T_M0_R0, slam=EXACT)
+    (mode,) = prior.modes
+    factors = np.sqrt((tails - 2.0) / rng.chisquare(tails, 4000))
+    errors = rng.multivariate_normal(np.zeros(3), mode.covariance, 4000) * factors[:, None]
+    found = np.array(
+        [prior.surprise(mode.mean @ SE2.from_array(error), np.zeros((3, 3))) for error in errors]
+    )
+    for p in (0.5, 0.9, 0.99):
+        assert np.mean(found > p) == pytest.approx(1.0 - p, abs=3.0 * np.sqrt(p * (1.0 - p) / 4000))

@@ -50,7 +50,7 @@ def looked_at(*, yaw_0: float, yaw_1: float) -> tuple[MapWindow, float, Meeting,
         T,
         meeting_point(T, meeting.T_m1_r1),
         refiner,
-        FrameErrorPrior(modes=(along_x,), outlier=along_x),
+        FrameErrorPrior(modes=(along_x,), outlier=along_x, degrees_of_freedom=(math.inf,)),
     )
     return seen[0], yaws[0], meeting, T
 

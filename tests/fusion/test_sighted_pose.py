@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from pipeline.alignment.spread import log_density
 from pipeline.errors import SightingError
 from pipeline.fusion.sighted_pose import SightedPose, sighted_pose
 from pipeline.geometry.se2 import SE2, Array
@@ -54,6 +55,25 @@ def test_a_hundred_images_are_combined_and_those_that_contradict_them_left_out()
     assert sighting.contradicted_by == (3, 40)
     assert sighting.best.mass == pytest.approx(1.0)
     assert sighting.best.covariance == pytest.approx(fine / 98.0)
+
+
+def test_several_images_have_lighter_tails_than_one():
+    """As densities do: far out, the product of t densities falls as that of the told degrees of freedom."""
+    heavy = PoseMode(T_r0_r1=TRUE, covariance=np.eye(3), mass=1.0, T_c_o=np.eye(4), degrees_of_freedom=5.0)
+    light = PoseMode(T_r0_r1=TRUE, covariance=np.eye(3), mass=1.0, T_c_o=np.eye(4), degrees_of_freedom=9.0)
+    images = [
+        RelativePose(modes=(mode,), score=0.9, keypoints_px=np.zeros((9, 2))) for mode in (heavy, light)
+    ]
+    assert sighted_pose(images[:1]).best.degrees_of_freedom == 5.0
+    together = sighted_pose(images).best.degrees_of_freedom
+
+    def slope(degrees_of_freedom: float) -> float:
+        far = np.array([[1e4, 0.0, 0.0], [2e4, 0.0, 0.0]])
+        logs = log_density(far, np.tile(np.eye(3), (2, 1, 1)), np.full(2, degrees_of_freedom))
+        return float((logs[1] - logs[0]) / math.log(2.0))
+
+    assert slope(together) == pytest.approx(slope(5.0) + slope(9.0), rel=1e-4)
+    assert math.isinf(sighted_pose([seen_at(TRUE), images[0]]).best.degrees_of_freedom)
 
 
 def test_the_product_has_the_largest_product_of_densities():

@@ -15,7 +15,7 @@ from pipeline.fusion.meeting import Meeting
 from pipeline.fusion.merge import merged
 from pipeline.fusion.prior import FrameErrorPrior, SlamSpread, frame_error_prior
 from pipeline.fusion.refinement import WINDOW_TURN_RAD, Refiner, correlative_refiner, matcher_refiner
-from pipeline.fusion.sighted_pose import SightedPose, sighted_pose
+from pipeline.fusion.sighted_pose import SightedMode, SightedPose, sighted_pose
 from pipeline.fusion.system import FusionResult, fuse_maps
 from pipeline.geometry.occupancy_grid import UNKNOWN, OccupancyGrid
 from pipeline.geometry.se2 import SE2
@@ -84,6 +84,17 @@ def test_a_true_sighting_gives_the_true_alignment_unrefined():
 def test_the_unrefined_spread_is_the_sightings_with_the_robots_own():
     result = fuse_maps(meeting(), SightedPose.given(T_R0_R1, FINE), None)
     assert np.diag(result.covariance)[2] == pytest.approx(math.radians(3.0) ** 2 + 2 * math.radians(0.5) ** 2)
+    assert math.isinf(result.degrees_of_freedom)
+
+
+def test_tails_are_those_of_whoever_tells_the_spread():
+    mode = SightedMode(T_r0_r1=T_R0_R1, covariance=FINE, mass=1.0, degrees_of_freedom=5.0)
+    sighting = SightedPose(modes=(mode,), score=0.9)
+    assert fuse_maps(meeting(), sighting, None).degrees_of_freedom == 5.0
+    silent = Estimate(theta=None, reason="none", degrees_of_freedom=3.5)
+    assert fuse_maps(meeting(), sighting, answering(silent)).degrees_of_freedom == 5.0
+    found = Estimate(theta=SE2.identity(), covariance=FINE, degrees_of_freedom=3.5)
+    assert fuse_maps(meeting(), sighting, answering(found)).degrees_of_freedom == 3.5
 
 
 @pytest.mark.parametrize("error", [SE2(0.5, -0.3, 0.2), SE2(-0.6, 0.4, -0.3)])

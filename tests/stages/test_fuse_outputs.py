@@ -52,6 +52,7 @@ def test_the_record_obeys_the_papers_equations(given: Path, tmp_path: Path, refi
     np.testing.assert_allclose((T_initial @ T_m1_r1)[:2, 2], [x_m, y_m], atol=1e-9)
     theta = told["frame_error"]["theta_w"]
     assert (theta is None) is (refine == "none")
+    assert told["sighting"][0]["degrees_of_freedom"] is None
     C = matrix({"x_m": x_m, "y_m": y_m, "yaw_rad": 0.0})
     left = np.eye(3) if theta is None else C @ np.linalg.inv(matrix(theta)) @ np.linalg.inv(C)
     T_m0_m1 = matrix(told["T_m0_m1"])
