@@ -1,9 +1,20 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
+from pipeline.geometry.se2 import SE2
 from pipeline.pose_estimation.floor_search import floor_poses, same_place
-from tests.pose_estimation.sightings import Seen, seen_points, setting, sighting
+from tests.pose_estimation.sightings import (
+    Seen,
+    burger,
+    look_at,
+    maps_of,
+    seen,
+    seen_points,
+    setting,
+    sighting,
+)
 
 
 def searched(found: Seen) -> np.ndarray:
@@ -30,3 +41,15 @@ def test_poses_that_are_tried_are_apart():
     assert 2 <= len(settings) <= 12
     for k, one in enumerate(settings):
         assert same_place(settings, one, 0.05, 0.1).sum() == 1, k
+
+
+@pytest.mark.parametrize("x_m", [0.5, 0.8])
+def test_a_point_that_is_seen_alone_is_sought_where_its_ray_meets_the_floor(x_m: float):
+    true, corner = np.array([x_m, 0.05, 0.7, 0.0, 0.0, 0.0]), 4
+    uv_92 = np.full((9, 2), np.nan)
+    uv_92[corner] = sighting().project(true[None])[0, corner]
+    look = look_at(sighting().project(true[None])[0])
+    best = searched(seen(look, *maps_of(uv_92[None], look)))[0]
+    # Headings are all alike then, so it is the corner that is compared.
+    places = [(SE2.from_array(one[:3]) @ burger().points_r1()[corner, :2]) for one in (best, true)]
+    assert np.hypot(*(places[0] - places[1])) < 0.06 * x_m
