@@ -12,7 +12,12 @@ import torch
 from pipeline.geometry.camera import PinholeCamera
 from pipeline.geometry.se2 import Array
 from pipeline.models.relative_pose import RelativePoseConfig, RelativePoseNet
-from pipeline.models.relative_pose_estimator import Looked, RelativePoseEstimator, first_look
+from pipeline.models.relative_pose_estimator import (
+    FIRST_FOCAL_PX,
+    Looked,
+    RelativePoseEstimator,
+    first_look,
+)
 from pipeline.pose_estimation.cuboids import cuboids
 from pipeline.pose_estimation.look import Image, Look
 from pipeline.pose_estimation.peaks import belief_peaks
@@ -114,6 +119,45 @@ def test_what_is_hardly_like_a_robot_is_none():
     assert 0.0 < found.score < 0.5
     bold = replace(faint, calibration=replace(faint.calibration, least_score=0.0))
     assert bold(IMAGE, CAMERA, before.T_r0_c).found
+
+
+@pytest.mark.parametrize("x_m", [0.4, 0.6, 1.2, 2.5, 4.5])
+def test_some_first_look_shows_a_robot_at_a_size_that_was_trained(x_m: float):
+    uv_92 = sighting().project(np.array([[x_m, 0.0, 0.6, 0.0, 0.0, 0.0]]))[0]
+    spans_px = [first_look(CAMERA, f).scale * np.ptp(uv_92, axis=0).max() for f in FIRST_FOCAL_PX]
+    assert any(10.0 < span_px < 140.0 for span_px in spans_px)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Glimpsing(Drawing):
+    """Sees one corner and the centroid in first looks, so that it takes the robot to be small."""
+
+    def see(self, image: Image, looks: Sequence[Look]) -> list[Looked]:
+        if looks[0].height_px == self.close.input_px:
+            return super().see(image, looks)
+        points = np.where(np.isin(np.arange(9), (0, 8))[:, None], self.uv_N92, np.nan)
+        return super(Glimpsing, replace(self, uv_N92=points)).see(image, looks)
+
+
+def test_a_robot_that_was_glimpsed_is_looked_at_again_where_it_was_read():
+    before, true = sighting(), np.array([1.3, 0.2, 2.0, 0.0, 0.0, 0.0])
+    estimator = Glimpsing(network=net(), robot=burger(), uv_N92=before.project(true[None]))
+    found = estimator(IMAGE, CAMERA, before.T_r0_c)
+    assert error(found.best.T_r0_r1, true) == pytest.approx([0.0, 0.0, 0.0], abs=0.03)
+    points_px = estimator.looked[-1].to_input(estimator.uv_N92[0])
+    low, high = points_px.min(axis=0), points_px.max(axis=0)
+    assert 0.5 * (low + high) == pytest.approx([79.5, 79.5], abs=5.0)
+    assert (high - low).max() == pytest.approx(estimator.close.span_px, rel=0.06)
+
+
+def test_several_looks_see_points_at_different_places_in_a_cell():
+    before, true = sighting(), np.array([1.3, 0.2, 2.0, 0.0, 0.0, 0.0])
+    estimator = drawing(before, true, looks=4)
+    estimator(IMAGE, CAMERA, before.T_r0_c)
+    places = [look.to_input(estimator.uv_N92[0, 8]) for look in estimator.looked[-4:]]
+    apart_px = [np.hypot(*(a - b)) for i, a in enumerate(places) for b in places[:i]]
+    assert min(apart_px) > 1.0
+    assert max(apart_px) < 16.0
 
 
 def test_the_calibration_widens_what_is_told():

@@ -180,6 +180,28 @@ def test_looks_are_at_plausible_images_as_often_as_asked_for(poses: PoseTable, m
     assert {bool(poses.plausible[row]) for row in asked} == modes
 
 
+def test_looks_without_the_robot_keep_off_it_and_half_are_of_images_without_it(poses: PoseTable, monkeypatch):
+    asked = list[tuple[bool, bool]]()
+
+    def look(size_px, uv_px, sampling, rng):
+        asked.append((shown[-1], bool(np.isfinite(uv_px).all())))
+        return draw_look_elsewhere(size_px, uv_px, sampling, rng)
+
+    shown, read = list[bool](), PoseTable.__getitem__
+
+    def row(self, index):
+        shown.append(bool(self.visibility[index] > 0.0))
+        return read(self, index)
+
+    monkeypatch.setattr("pipeline.training.pose_data.draw_look_elsewhere", look)
+    monkeypatch.setattr(PoseTable, "__getitem__", row)
+    source = batches(poses, replace(SAMPLING, absent_share=0.95, augmentation=PLAIN))
+    for number in range(120):
+        source.sample(number)
+    assert all(visible == avoided for visible, avoided in asked)
+    assert 0.35 < np.mean([visible for visible, _ in asked]) < 0.65
+
+
 def test_targets_peak_at_the_points_and_point_to_the_centroid():
     uv_px = np.random.default_rng(0).uniform(-30.0, 190.0, (9, 2))
     belief, fields = target_maps(uv_px, SAMPLING)
