@@ -12,6 +12,7 @@ import typer
 from pipeline.errors import ConfigError
 
 _REFINEMENTS = ("none", "learned", "correlative", "auto")
+_MERGINGS = ("occupied", "probabilistic")
 
 
 def fuse(
@@ -56,6 +57,13 @@ def fuse(
     refine: Annotated[
         str, typer.Option("--refine", help="How the maps refine it: none, learned, correlative or auto.")
     ] = "auto",
+    merge: Annotated[
+        str,
+        typer.Option(
+            "--merge",
+            help="occupied: where either map is, no wall is lost; probabilistic: by both maps' evidence.",
+        ),
+    ] = "occupied",
     out: Annotated[Path, typer.Option("--out", help="Folder to write to.")] = Path("fused"),
     strict: Annotated[
         bool,
@@ -68,11 +76,13 @@ def fuse(
     mounted = None if camera_pose is None else numbers("--camera-pose", camera_pose, "x,y,z,roll,pitch,yaw")
     sigma = _sigma(relative_sigma)
     _require_one_sighting(image, camera, camera_pose, relative, relative_sigma)
-    if refine not in _REFINEMENTS:
-        raise ConfigError(f"--refine is {refine!r}; must be one of {', '.join(_REFINEMENTS)}")
+    for option, given, choices in (("--refine", refine, _REFINEMENTS), ("--merge", merge, _MERGINGS)):
+        if given not in choices:
+            raise ConfigError(f"{option} is {given!r}; must be one of {', '.join(choices)}")
     if out.exists() and not out.is_dir():
         raise ConfigError(f"--out is {str(out)!r}, a file; must be a folder")
 
+    from pipeline.fusion.merge import Merging
     from pipeline.fusion.refinement import Refinement
     from pipeline.geometry.se2 import SE2
     from pipeline.stages.fuse import FuseRequest, fused
@@ -89,6 +99,7 @@ def fuse(
         T_r0_r1=None if seen is None else SE2.from_array(seen),
         relative_sigma=sigma,
         refine=Refinement(refine),
+        merge=Merging(merge),
         strict=strict,
     )
     require_apart(request, out)

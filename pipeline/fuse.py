@@ -5,11 +5,13 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from enum import StrEnum
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Literal
+from typing import Literal, TypeVar
 
 from pipeline.errors import ConfigError
+from pipeline.fusion.merge import Merging
 from pipeline.fusion.refinement import Refinement
 from pipeline.fusion.system import FusionResult
 from pipeline.geometry.se2 import SE2, Array
@@ -20,6 +22,8 @@ from pipeline.stages.fuse_outputs import require_apart, write_fused
 
 PoseLike = SE2 | Sequence[float] | Array
 """x [m], y [m], yaw [rad]."""
+
+Choice = TypeVar("Choice", bound=StrEnum)
 
 
 def fuse(
@@ -35,6 +39,7 @@ def fuse(
     relative: PoseLike | None = None,
     relative_sigma: Sequence[float] | None = None,
     refine: Literal["none", "learned", "correlative", "auto"] = "auto",
+    merge: Literal["occupied", "probabilistic"] = "occupied",
     strict: bool = False,
     out: str | Path | None = None,
     pose_estimator: ImagePoseEstimator | None = None,
@@ -53,6 +58,9 @@ def fuse(
         relative_sigma: standard deviations of that in x [m], y [m], yaw [rad]; not known by default.
         refine: `auto`: by the learned matcher, which takes account of how sure the sighting is; `learned`: by
             the matcher alone; `correlative`: without a network; `none`.
+        merge: `occupied`: a cell is occupied where either map has it so (Algorithm 1 of the paper), so that
+            no wall is lost; `probabilistic`: by both maps' weighed evidence, which removes what one of them
+            saw through, and of a wall what they draw more than a cell apart.
         strict: keep to a map's thresholds also where they make its unknown cells free.
         out: folder for the map, pictures and a record; nothing is written by default.
         pose_estimator: reads the image; the trained one by default.
@@ -75,7 +83,8 @@ def fuse(
         robot=str(robot),
         T_r0_r1=None if relative is None else _pose("relative", relative),
         relative_sigma=None if relative_sigma is None else _sigma(relative_sigma),
-        refine=_refinement(refine),
+        refine=_one_of(Refinement, "refine", refine),
+        merge=_one_of(Merging, "merge", merge),
         strict=strict,
         pose_estimator=pose_estimator,
     )
@@ -134,8 +143,8 @@ def _floats(name: str, given: Sequence[float] | Array, count: int, right: str) -
     return values
 
 
-def _refinement(given: str) -> Refinement:
+def _one_of(choices: type[Choice], name: str, given: str) -> Choice:
     try:
-        return Refinement(given)
+        return choices(given)
     except ValueError as error:
-        raise ConfigError(f"refine is {given!r}; must be one of {', '.join(Refinement)}") from error
+        raise ConfigError(f"{name} is {given!r}; must be one of {', '.join(choices)}") from error

@@ -71,6 +71,8 @@ def test_the_example_of_fuse_runs_on_a_sighting_of_the_dataset(folder, monkeypat
     # The synthetic picture shows no robot.
     seeing = Seeing(SE2(1.0, 0.2, 2.0))
     source = SimpleNamespace(
+        path="weights.safetensors",
+        digest="0" * 64,
         estimator=lambda *, floor: seeing,
         record=lambda: {"robot": {"size_m": load_robot("burger").cuboid.size_m}},
     )

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from enum import StrEnum
 
 import numba as nb
 import numpy as np
@@ -29,6 +30,27 @@ MAX_CELLS = 100_000_000
 
 EDGE_CELLS = 1e-6
 """A map that reaches less than this into a cell, by rounding, does not need that cell."""
+
+
+class Merging(StrEnum):
+    """How two maps become one.
+
+    OCCUPIED: occupied where either map is (Algorithm 1). PROBABILISTIC: by the sum of both maps' log-odds,
+    with the weights of `CellEvidence()`.
+    """
+
+    OCCUPIED = "occupied"
+    PROBABILISTIC = "probabilistic"
+
+    def __call__(self, grid_0: OccupancyGrid, grid_1: OccupancyGrid, T_m0_m1: SE2) -> OccupancyGrid:
+        """The global map in m0.
+
+        Raises:
+            MapError: the map would have more than `MAX_CELLS` cells.
+        """
+        if self is Merging.OCCUPIED:
+            return merged(grid_0, grid_1, T_m0_m1)
+        return probabilistically_merged(grid_0, grid_1, T_m0_m1).grid
 
 
 def merged(grid_0: OccupancyGrid, grid_1: OccupancyGrid, T_m0_m1: SE2) -> OccupancyGrid:

@@ -11,7 +11,7 @@ from pipeline.alignment.estimate import Estimate
 from pipeline.alignment.frame_error import corrected, initial_alignment, meeting_point
 from pipeline.fusion.agreement import MapAgreement, map_agreement
 from pipeline.fusion.meeting import Meeting
-from pipeline.fusion.merge import merged
+from pipeline.fusion.merge import Merging
 from pipeline.fusion.prior import FrameErrorPrior, frame_error_prior
 from pipeline.fusion.refinement import Refined, Refiner, refined
 from pipeline.fusion.sighted_pose import SightedPose
@@ -67,6 +67,7 @@ def fuse_maps(
     sighting: SightedPose,
     refiner: Refiner | None,
     *,
+    merge: Merging = Merging.OCCUPIED,
     part: Part = lambda name: nullcontext(),
 ) -> FusionResult:
     """The global map of a meeting.
@@ -75,6 +76,7 @@ def fuse_maps(
         meeting: maps and poses.
         sighting: where robot 0 saw robot 1.
         refiner: gives the estimator of the frame error; None leaves T̃ as it is.
+        merge: how the aligned maps become one.
         part: entered around each part: `refine`, `check`, `merge`.
 
     Raises:
@@ -88,7 +90,7 @@ def fuse_maps(
     theta = found.estimate.theta if found else None
     T_m0_m1 = corrected(T_initial, theta, T_m0_w) if theta else T_initial
     with part("merge"):
-        grid = merged(meeting.grid_0, meeting.grid_1, T_m0_m1)
+        grid = merge(meeting.grid_0, meeting.grid_1, T_m0_m1)
     with part("check"):
         before, after = (map_agreement(meeting.grid_0, meeting.grid_1, T) for T in (T_initial, T_m0_m1))
         covariance, tails = _spread(found, prior)

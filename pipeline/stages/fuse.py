@@ -14,6 +14,7 @@ import numpy as np
 
 from pipeline.errors import ConfigError, SetupError
 from pipeline.fusion.meeting import Meeting
+from pipeline.fusion.merge import Merging
 from pipeline.fusion.refinement import Refinement, Refiner, correlative_refiner, matcher_refiner
 from pipeline.fusion.sighted_pose import SightedPose, sighted_pose
 from pipeline.fusion.system import FusionResult, fuse_maps
@@ -54,6 +55,7 @@ class FuseRequest:
         T_r0_r1: the relative pose, where it is known by other means.
         relative_sigma: standard deviations of x [m], y [m], yaw [rad] of that; None: not known.
         refine: how the maps refine it.
+        merge: how the aligned maps become one.
         strict: keep to a map's thresholds also where they make its unknown cells free.
         pose_estimator: reads the images; None: the trained one.
     """
@@ -68,6 +70,7 @@ class FuseRequest:
     T_r0_r1: SE2 | None = None
     relative_sigma: tuple[float, float, float] | None = None
     refine: Refinement = Refinement.AUTO
+    merge: Merging = Merging.OCCUPIED
     strict: bool = False
     pose_estimator: ImagePoseEstimator | None = None
 
@@ -162,7 +165,8 @@ def fused(request: FuseRequest) -> Fused:
     if camera is not None and estimator is not None:
         with clock.part("see"):
             poses = tuple(estimator(shot.image, camera.camera, T_r0_c) for shot in photographs)
-    result = fuse_maps(meeting, _sighting(request, poses), refiner, part=clock.part)
+    sighting = _sighting(request, poses)
+    result = fuse_maps(meeting, sighting, refiner, merge=request.merge, part=clock.part)
     return Fused(
         request=request,
         meeting=meeting,

@@ -225,6 +225,7 @@ def _inputs(fused: Fused) -> dict[str, Any]:
         "T_r0_r1": None if request.T_r0_r1 is None else _pose(request.T_r0_r1),
         "relative_sigma": None if request.relative_sigma is None else list(request.relative_sigma),
         "refine": str(request.refine),
+        "merge": str(request.merge),
         "strict": request.strict,
     }
 

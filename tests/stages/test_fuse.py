@@ -16,6 +16,7 @@ from pipeline.alignment.frame_error import frame_error
 from pipeline.cli import app
 from pipeline.errors import CameraError, ConfigError, MapError, PipelineError, SightingError
 from pipeline.fuse import fuse
+from pipeline.fusion.merge import probabilistically_merged
 from pipeline.geometry.camera import camera_pose
 from pipeline.geometry.cuboid import project_cuboid
 from pipeline.geometry.occupancy_grid import UNKNOWN, OccupancyGrid
@@ -249,6 +250,8 @@ def test_what_does_not_fit_together_is_told(given: Path):
         fuse(*maps(given), **POSES, relative=T_R0_R1, relative_sigma=(0.1, -0.1, 0.1))
     with pytest.raises(ConfigError, match=r"camera_pose is .*must be x, y, z"):
         fuse(*maps(given), **POSES, image=given / "image.png", camera=CAMERA, camera_pose=(1.0, 2.0))
+    with pytest.raises(ConfigError, match="merge is 'best'; must be one of occupied, probabilistic"):
+        fuse(*maps(given), **POSES, relative=T_R0_R1, merge="best")
     with pytest.raises(PipelineError, match="is not finite"):
         fuse(*maps(given), pose0=(math.nan, 0.0, 0.0), pose1=POSES["pose1"], relative=T_R0_R1)
 
@@ -285,6 +288,21 @@ def test_the_command_fuses_by_a_relative_pose(given: Path, tmp_path: Path):
     told = json.loads((tmp_path / "result.json").read_text())
     assert off(SE2(**told["T_m0_m1"])) < 0.1
     assert told["inputs"]["relative_sigma"] == pytest.approx([0.4, 0.4, math.radians(15.0)])
+
+
+def test_the_maps_can_be_weighed_against_each_other(given: Path, tmp_path: Path):
+    seen = option("relative", *T_R0_R1.as_array())
+    words = arguments(given, seen, "--refine=none", "--merge=probabilistic", "--out", str(tmp_path))
+    shown = CliRunner().invoke(app, words)
+    assert shown.exit_code == 0, shown.output
+    weighed = read_ros_map(tmp_path / "fused.yaml", strict=True)
+    result = fuse(*maps(given), **POSES, relative=T_R0_R1, refine="none", merge="probabilistic")
+    expected = probabilistically_merged(*cuts(0)[:2], result.T_m0_m1).grid
+    np.testing.assert_array_equal(result.grid.cells, expected.cells)
+    np.testing.assert_array_equal(weighed.cells, expected.cells)
+    occupied = fuse(*maps(given), **POSES, relative=T_R0_R1, refine="none").grid
+    assert weighed.occupied().sum() < occupied.occupied().sum()
+    assert json.loads((tmp_path / "result.json").read_text())["inputs"]["merge"] == "probabilistic"
 
 
 @pytest.mark.parametrize("strict", [False, True])
@@ -325,6 +343,7 @@ GOOD = "--relative=1,0,3"
             "x,y,z,roll,pitch,yaw: 6 finite numbers",
         ),
         ([GOOD, "--refine=best"], "--refine is 'best'; must be one of none, learned, correlative, auto"),
+        ([GOOD, "--merge=best"], "--merge is 'best'; must be one of occupied, probabilistic"),
         ([GOOD, "--map0=nowhere.yaml"], "nowhere.yaml"),
         (["--image=nowhere.png", "--camera=nowhere.yaml"], "nowhere.yaml"),
         ([GOOD, "--robot=walker"], "known robots are burger"),
