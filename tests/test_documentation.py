@@ -69,12 +69,12 @@ def test_the_example_of_fuse_runs_on_a_sighting_of_the_dataset(folder, monkeypat
     export_sighting(str(folder / "data" / "dataset"), None, folder / "report" / "sighting")
     monkeypatch.chdir(folder)
     # The synthetic picture shows no robot.
-    seeing = Seeing(SE2(1.0, 0.2, 2.0))
+    seeing, cuboid = Seeing(SE2(1.0, 0.2, 2.0)), load_robot("burger").cuboid
     source = SimpleNamespace(
         path="weights.safetensors",
         digest="0" * 64,
         estimator=lambda *, floor: seeing,
-        record=lambda: {"robot": {"size_m": load_robot("burger").cuboid.size_m}},
+        record=lambda: {"robot": {"size_m": cuboid.size_m, "T_r1_o": cuboid.T_r_o()}},
     )
     monkeypatch.setattr(PoseWeights, "found", lambda path: source)
     exec(FUSE_EXAMPLE, {})

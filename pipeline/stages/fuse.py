@@ -212,17 +212,20 @@ def _pose_estimator(request: FuseRequest, robot: RobotSpec) -> ImagePoseEstimato
     weights = PoseWeights.found(None)
     estimator = weights.estimator(floor=True)
     known = weights.record()["robot"]
-    if not np.allclose(known["size_m"], robot.cuboid.size_m):
+    T_r1_o = np.reshape(known["T_r1_o"], (4, 4))
+    given = robot.cuboid.size_m, robot.cuboid.T_r_o()
+    if not (np.allclose(known["size_m"], given[0]) and np.allclose(T_r1_o, given[1])):
         raise ConfigError(
-            f"{weights.path}: knows the robot {known['name']!r}, whose cuboid is {_sides(known['size_m'])}; "
-            f"that of {request.robot!r} is {_sides(robot.cuboid.size_m)}: `rendezvous train-pose` on images "
-            "of that robot, or give the relative pose"
+            f"{weights.path}: knows the robot {known['name']!r}, whose cuboid is "
+            f"{_cuboid(known['size_m'], T_r1_o)}; that of {request.robot!r} is {_cuboid(*given)}: "
+            "`rendezvous train-pose` on images of that robot, or give the relative pose"
         )
     return estimator
 
 
-def _sides(size_m: Sequence[float]) -> str:
-    return " x ".join(f"{side_m:g}" for side_m in size_m) + " m"
+def _cuboid(size_m: Sequence[float], T_r_o: Array) -> str:
+    sides, centre = (sep.join(f"{m:g}" for m in of) for sep, of in ((" x ", size_m), (", ", T_r_o[:3, 3])))
+    return f"{sides} m around ({centre}) m"
 
 
 def _refiner(refine: Refinement) -> Refiner | None:

@@ -228,13 +228,24 @@ def test_a_bad_image_is_told(given: Path, tmp_path: Path, content, said: str):
     assert str(path) in str(caught.value)
 
 
-def test_weights_of_another_robot_are_told(given: Path, tmp_path: Path):
-    robot = tmp_path / "tall.yaml"
+@pytest.mark.parametrize(
+    ("given_words", "words", "said"),
+    [
+        (
+            "size_m: [0.138, 0.178, 0.192]",
+            "size_m: [0.138, 0.178, 0.4]",
+            r"0.178 x 0.4 m around \(-0.032, 0,",
+        ),
+        ("centre_m: [-0.032, 0.0, 0.096]", "centre_m: [0.032, 0.0, 0.096]", r"0.192 m around \(0.032, 0,"),
+    ],
+)
+def test_weights_of_another_robot_are_told(given: Path, tmp_path: Path, given_words, words, said):
+    robot = tmp_path / "other.yaml"
     text = (ROBOTS / "burger" / "robot.yaml").read_text()
-    assert text.count("[0.138, 0.178, 0.192]") == 2
-    robot.write_text(text.replace("[0.138, 0.178, 0.192]", "[0.138, 0.178, 0.4]"))
+    assert given_words in text
+    robot.write_text(text.replace(given_words, words))
     said = (
-        r"knows the robot 'burger', whose cuboid is 0.138 x 0.178 x 0.192 m; that of .* 0.138 x 0.178 x 0.4 m"
+        rf"'burger', whose cuboid is 0.138 x 0.178 x 0.192 m around \(-0.032, 0, .*; that of .* is .*{said}"
     )
     with pytest.raises(ConfigError, match=said):
         fuse(*maps(given), **POSES, image=given / "image.png", camera=given / "camera.yaml", robot=str(robot))
