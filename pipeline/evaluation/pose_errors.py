@@ -72,6 +72,8 @@ class PoseOutcome:
         score: of the detection, in [0, 1].
         reason: why there is no pose; empty if there is one.
         duration_s: of the estimate alone.
+        found_covered: whether a robot was found as well in a copy in which it is covered by what is beside
+            it; None where nothing of it is to be seen.
     """
 
     image_id: str
@@ -84,9 +86,12 @@ class PoseOutcome:
     score: float
     reason: str
     duration_s: float
+    found_covered: bool | None = None
 
     @staticmethod
-    def of(image_id: str, pose: RelativePose, *, duration_s: float) -> PoseOutcome:
+    def of(
+        image_id: str, pose: RelativePose, *, duration_s: float, found_covered: bool | None = None
+    ) -> PoseOutcome:
         """What is kept of an estimate."""
         best = pose.best if pose.found else None
         return PoseOutcome(
@@ -100,6 +105,7 @@ class PoseOutcome:
             score=pose.score,
             reason=pose.reason,
             duration_s=duration_s,
+            found_covered=found_covered,
         )
 
     def to_json(self) -> dict[str, Any]:
@@ -115,6 +121,7 @@ class PoseOutcome:
             "score": self.score,
             "reason": self.reason,
             "duration_s": self.duration_s,
+            "found_covered": self.found_covered,
         }
 
     @staticmethod
@@ -158,6 +165,16 @@ class PoseOutcomes:
     def found(self) -> Mask:
         """(N,) where there is a pose."""
         return np.array([row.T_r0_r1 is not None for row in self.rows], dtype=bool)
+
+    @cached_property
+    def covered(self) -> Mask:
+        """(N,) where a copy without the robot was looked at as well."""
+        return np.array([row.found_covered is not None for row in self.rows], dtype=bool)
+
+    @cached_property
+    def found_covered(self) -> Mask:
+        """(N,) where there is a pose in that copy."""
+        return np.array([bool(row.found_covered) for row in self.rows], dtype=bool)
 
     @cached_property
     def detected(self) -> Mask:

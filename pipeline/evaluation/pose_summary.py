@@ -132,6 +132,7 @@ class PoseSummary:
         target: the plausible ones of those for which a goal was set.
         by: groups by name, of `distance`, `visibility`, `heading`, `kind`.
         false_detections: of images in which nothing of the robot is to be seen, those with a pose.
+        false_covered: the same of copies in which the robot is covered by what is beside it.
         coverage, window: of all detections; None without one.
         duration_median_s, duration_p95_s: per image.
     """
@@ -140,6 +141,7 @@ class PoseSummary:
     target: PoseGroup
     by: dict[str, dict[str, PoseGroup]]
     false_detections: Share
+    false_covered: Share
     coverage: Coverage | None
     window: WindowUse | None
     duration_median_s: float
@@ -168,6 +170,7 @@ def pose_summary(found: PoseOutcomes) -> PoseSummary:
             for name, groups in groupings(found).items()
         },
         false_detections=Share.within(found.found, ~found.shows_robot),
+        false_covered=Share.within(found.found_covered, found.covered),
         coverage=_coverage(found) if found.detected.any() else None,
         window=_window_use(found) if found.detected.any() else None,
         duration_median_s=float(np.median(found.duration_s)),

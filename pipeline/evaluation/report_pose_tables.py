@@ -45,10 +45,16 @@ def headline_table(rows: Rows, measured: Sequence[str]) -> Html:
         "position m",
         "heading °",
         "95 % below",
-        "false detections",
+        "without it",
+        "with it covered",
     )
     header = [
-        [("", 1), ("images for which there is a goal", 7), ("all that show the robot", 4), ("without it", 1)],
+        [
+            ("", 1),
+            ("images for which there is a goal", 7),
+            ("all that show the robot", 4),
+            ("false detections", 2),
+        ],
         [("", 1), *((word, 1) for word in words)],
     ]
     body: list[list[Cell | None]] = [
@@ -60,6 +66,7 @@ def headline_table(rows: Rows, measured: Sequence[str]) -> Html:
             _found(row.figures.overall),
             *_tails(row.figures.overall),
             share_cell(row.figures.false_detections),
+            share_cell(row.figures.false_covered),
         ]
         for name, row in rows.items()
     ]

@@ -14,6 +14,7 @@ from pipeline.errors import ConfigError
 from pipeline.geometry.cuboid import project_cuboid
 from pipeline.geometry.se2 import Array
 from pipeline.models.relative_pose_estimator import Detection, RelativePoseEstimator
+from pipeline.pose_estimation.covered import covered_image
 from pipeline.pose_estimation.look import Image
 from pipeline.pose_estimation.pose_calibration import PoseCalibration
 from pipeline.pose_estimation.pose_calibration_fit import ReadImage, SeenPeaks, fitted, likeliest_noise
@@ -113,24 +114,6 @@ def _versions(image: SeenImage) -> list[tuple[Image, bool]]:
         return [(pixels, False)]
     covered = [] if image.box_px is None else [(covered_image(pixels, image.box_px), False)]
     return [(pixels, True), *covered] if truth.visibility >= LEAST_VISIBILITY else covered
-
-
-def covered_image(image: Image, box_px: Array) -> Image:
-    """A copy whose box, and a tenth around it, shows what lies beside it to the left, or else to the
-    right."""
-    height, width = image.shape[:2]
-    x0, y0, x1, y1 = (float(v) for v in box_px)
-    margin = 0.1 * max(x1 - x0, y1 - y0) + 2.0
-    left, top = max(int(x0 - margin), 0), max(int(y0 - margin), 0)
-    right, bottom = min(int(x1 + margin) + 1, width), min(int(y1 + margin) + 1, height)
-    size = right - left
-    beside = left - 1 - np.arange(size) if left >= width - right else right + np.arange(size)[::-1]
-    out = image.copy()
-    # Beyond the image's edge the same is seen again, mirrored.
-    columns = np.abs(beside)
-    columns = np.where(columns < width, columns, 2 * (width - 1) - columns)
-    out[top:bottom, left:right] = image[top:bottom, np.clip(columns, 0, width - 1)]
-    return out
 
 
 def _true_points(image: SeenImage, sighting: Sighting, detection: Detection) -> Array | None:

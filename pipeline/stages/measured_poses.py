@@ -11,6 +11,7 @@ from pathlib import Path
 from rich.console import Console
 
 from pipeline.evaluation.pose_errors import PoseOutcome, PoseOutcomes
+from pipeline.pose_estimation.covered import covered_image
 from pipeline.stages.measuring import Measurement, code_digest, measured
 from pipeline.stages.pose_source import PoseSource
 from pipeline.stages.provenance import versions
@@ -84,5 +85,10 @@ def _measure(variant: PoseVariant, images: Sequence[SeenImage]) -> list[PoseOutc
         started_s = time.perf_counter()
         pose = estimator(pixels, image.camera, image.T_r0_c)
         duration_s = time.perf_counter() - started_s
-        outcomes.append(PoseOutcome.of(image.truth.image_id, pose, duration_s=duration_s))
+        covered = None
+        if image.box_px is not None:
+            covered = estimator(covered_image(pixels, image.box_px), image.camera, image.T_r0_c).found
+        outcomes.append(
+            PoseOutcome.of(image.truth.image_id, pose, duration_s=duration_s, found_covered=covered)
+        )
     return outcomes

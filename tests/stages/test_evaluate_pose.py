@@ -60,6 +60,10 @@ def test_an_estimator_that_tells_the_truth_reaches_everything(data, images, tmp_
         "of": sum(not image.truth.shows_robot for image in images),
     }
     assert figures["false_detections"]["of"] > 0
+    assert figures["false_covered"] == {
+        "count": 0,
+        "of": sum(image.box_px is not None for image in images),
+    }
     assert all(share["count"] == share["of"] for share in figures["coverage"]["inside"])
     page = (tmp_path / "index.html").read_text()
     anchors = require_self_contained(page)
@@ -75,6 +79,7 @@ def test_errors_confusions_and_the_floors_gain_are_told(data, images, tmp_path):
     assert floor["overall"]["confused"]["count"] == floor["overall"]["detected"]["of"]
     assert free["overall"]["confused"]["count"] == 0  # twice 3 rad is nearly a whole turn
     assert floor["false_detections"]["count"] == floor["false_detections"]["of"] > 0
+    assert floor["false_covered"]["count"] == floor["false_covered"]["of"] > 8
     assert metrics["floor_gain"]["heading_rad"]["value"] > 2.0
     assert "False detections" in (tmp_path / "index.html").read_text()
 

@@ -14,7 +14,6 @@ from typer.testing import CliRunner
 from pipeline.cli import app
 from pipeline.errors import ConfigError, StoreError
 from pipeline.pose_estimation.pose_calibration import PoseCalibration
-from pipeline.stages.calibrate_pose import covered_image
 from pipeline.stages.pack import pack
 from pipeline.stages.pose_source import PoseWeights
 from pipeline.stages.pose_weights import load_relative_pose
@@ -127,13 +126,3 @@ def test_a_calibration_is_kept_with_the_weights(data, tmp_path, monkeypatch):
         "calibration": 0,
         "calibrated_on": 0,
     }
-
-
-def test_a_covered_robot_shows_what_is_beside_it():
-    image = np.zeros((60, 100, 3), np.uint8)
-    image[:, :50], image[:, 50:], image[20:30, 40:50] = 80, 80, 200
-    covered = covered_image(image, np.array([40.0, 20.0, 50.0, 30.0]))
-    assert (covered == 80).all()
-    assert (image[20:30, 40:50] == 200).all()
-    for box in ([0.0, 0.0, 99.0, 59.0], [90.0, 0.0, 99.0, 10.0], [0.0, 50.0, 5.0, 59.0]):
-        assert covered_image(image, np.array(box)).shape == image.shape
