@@ -40,8 +40,8 @@ def export_sighting(dataset: str, pair_id: str | None, out: Path) -> str:
 
     Args:
         dataset: folder that `pack` wrote.
-        pair_id: of the sighting; None: the first one of the test split, or of another if that has none, whose
-            image shows the whole robot, or else the first.
+        pair_id: of the sighting; None: in the first file of the test split, or of another if that has none,
+            the first one whose image shows the whole robot, or else the first.
         out: folder to write to.
 
     Returns:
