@@ -146,5 +146,6 @@ class MeasuredRow:
             )
         except (KeyError, TypeError, ValueError, AttributeError) as error:
             raise StoreError(
-                f"{where}: no recorded row ({error}); `rendezvous evaluate --record` writes it anew"
+                f"{where}: no recorded row ({error}); delete it, and `rendezvous evaluate --record` makes it "
+                "anew"
             ) from error

@@ -87,7 +87,7 @@ def recorded_from_json(
     Raises:
         StoreError: these are not such figures.
     """
-    remedy = f"`rendezvous {command} --record` writes it anew"
+    remedy = f"delete it, and `rendezvous {command} --record` makes it anew"
     try:
         if values["format"] != _FORMAT:
             raise StoreError(f"{where}: figures of format {values['format']}; must be {_FORMAT}; {remedy}")

@@ -82,6 +82,18 @@ def test_training_writes_weights_a_curve_and_events_and_says_on_what(data: Path,
     assert f"digest {weights.record['data']['digest'][:12]}\n" in said
 
 
+def test_how_fast_it_goes_and_how_long_it_will_take_is_told(data: Path, tmp_path: Path, monkeypatch):
+    monkeypatch.setattr("pipeline.stages.train_record.LINE_EVERY_S", 0.0)
+    told = re.findall(
+        r"train cnn-lie: (\d+) samples, [\d.]+/s, loss [\d.e+-]+, (\d+) % done, about (\d+) s left",
+        trained(data, tmp_path),
+    )
+    assert [(int(samples), int(done)) for samples, done, _ in told] == [
+        (samples, round(100 * samples / 32)) for samples in range(8, 33, 4)
+    ]
+    assert told[-1][2] == "0"
+
+
 def test_a_run_goes_on_only_when_it_is_told_to(data: Path, tmp_path: Path):
     trained(data, tmp_path, "train.samples=16")
     with pytest.raises(StoreError, match="a run is here already; --resume goes on with it"):
