@@ -90,6 +90,15 @@ def test_in_range_it_agrees_with_the_registration_of_the_real_pair(real_data):
         assert angle_deg < 3.5
 
 
+def test_everywhere_it_finds_the_heading_of_the_real_pair_but_for_a_half_turn(real_data):
+    """With any heading allowed, it takes one end of the corridor for the other."""
+    for theta in (SE2(1.0, -0.5, 0.4), SE2(-1.3, 0.9, -0.6), SE2(0.5, 0.5, 2.5)):
+        theta_hat = HoughSpectrum()(real_window(real_data, theta)).theta
+        assert theta_hat is not None
+        turn_rad = pose_difference(theta_hat, theta).yaw_rad
+        assert abs(math.remainder(turn_rad, math.pi)) < math.radians(3.0)
+
+
 def test_its_names_tell_the_two_apart():
     assert HoughSpectrum().name == "Hough spectrum"
     assert IN_RANGE.name == "Hough spectrum, in range"
