@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 from typing import Any
@@ -101,11 +102,13 @@ class MeasuredRow:
     plans_trained_on: int | None = None
 
     @property
-    def has_learned(self) -> bool:
-        """Whether the mean error is well below that of answering zero: half of the range's half width."""
-        zero_m = 0.5 * self.conditions.xy_range_m
-        x_m, y_m, _ = (mean.value for mean in self.summary.overall.mean)
-        return 0.5 * (x_m + y_m) < _LEARNED_SHARE * zero_m
+    def not_learned(self) -> tuple[str, ...]:
+        """Of `position` and `heading`, whose mean error is not well below that of answering zero: half of the
+        range's half width."""
+        x_m, y_m, yaw_rad = (mean.value for mean in self.summary.overall.mean)
+        zero_m, zero_rad = 0.5 * self.conditions.xy_range_m, math.radians(0.5 * self.conditions.yaw_range_deg)
+        errors = {"position": (0.5 * (x_m + y_m), zero_m), "heading": (yaw_rad, zero_rad)}
+        return tuple(name for name, (error, zero) in errors.items() if error >= _LEARNED_SHARE * zero)
 
     def to_json(self) -> dict[str, Any]:
         """Values as JSON holds them."""

@@ -116,7 +116,8 @@ def _warnings(row: MeasuredRow) -> list[str]:
     """What should make one doubt the figures of a learned method."""
     if row.training is None:
         return []
-    against = doubt(row.training.curve) if row.has_learned else "has not learned"
+    missed = row.not_learned
+    against = f"has not learned {' or '.join(missed)}" if missed else doubt(row.training.curve)
     known, plans = row.plans_trained_on, row.conditions.plans
     return [
         *([against] if against else []),

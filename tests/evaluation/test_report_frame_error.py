@@ -172,10 +172,24 @@ def test_the_best_of_each_column_is_marked_and_the_paper_stands_beside(page):
     assert "0.05 m" in page
 
 
-def test_a_network_at_the_error_of_answering_zero_has_not_learned(content):
-    row = replace(content.rows["orb"], method="vit-lie", training=TRAINING)
-    assert not row.has_learned
-    assert "has not learned" in _page(replace(content, rows={**content.rows, "vit-lie": row}))
+@pytest.mark.parametrize(
+    ("mean", "missed"),
+    [
+        ((0.1, 0.1, 0.02), ()),
+        ((0.99, 0.95, 0.39), ("position", "heading")),
+        ((0.77, 0.76, 0.40), ("heading",)),
+        ((0.99, 0.95, 0.02), ("position",)),
+    ],
+)
+def test_a_network_at_the_error_of_answering_zero_has_not_learned(content, mean, missed):
+    row = content.rows["vit-lie"]
+    x, y, yaw = (Interval(value=value, low=value, high=value) for value in mean)
+    overall = replace(row.summary.overall, mean=(x, y, yaw))
+    row = replace(row, summary=replace(row.summary, overall=overall))
+    assert row.not_learned == missed
+    told = _source_of(content, row)
+    assert ("has not learned" in told) == bool(missed)
+    assert f"has not learned {' or '.join(missed)}<" in told or not missed
 
 
 def test_a_recorded_row_survives_json(content):
