@@ -135,6 +135,7 @@ def draw_violins(
         for row, (group, errors) in enumerate(zip(told, values, strict=True)):
             _draw_group(panel, row, errors, limits, group.colour)
         panel.axvline(0.0, color=rgb(MUTED), lw=0.8)
+        panel.locator_params(axis="x", nbins=5)  # more run into each other
         panel.set(xlim=limits, title=component.name, xlabel=component.label or f"error [{component.unit}]")
         panel.grid(visible=False, axis="y")
     panels[0].set_yticks(range(len(told)), [group.label for group in told], color=rgb(INK))
