@@ -163,7 +163,8 @@ def _headline(content: PoseContent) -> list[Html]:
         paragraph(
             f"Wanted of plausible images, visibility above {TARGET_VISIBILITY:g}, nearer than "
             f"{TARGET_DISTANCE_M:g} m. False detections are of images in which nothing of the robot is to be "
-            "seen, and of all others once the robot is covered by what is beside it. Intervals of shares are Wilson's, which takes images as independent.",
+            "seen, and of all others once the robot is covered by what is beside it. Intervals of shares are "
+            "Wilson's, which takes images as independent.",
             kind="note",
         ),
     ]
