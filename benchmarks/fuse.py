@@ -51,9 +51,11 @@ DEFAULT = ("read maps", "read image", "see", "refine auto", "merge", "check", "d
 """What `rendezvous fuse` does by default."""
 
 _IMPORTS = "import pipeline.cli, pipeline.stages.fuse as fuse, pipeline.stages.fuse_outputs"
+_MATCHER = f"{_IMPORTS}; fuse._refiner(fuse.Refinement.AUTO)"
 _START = {
     "without a network": _IMPORTS,
-    "with the matcher": f"{_IMPORTS}; fuse._refiner(fuse.Refinement.AUTO)",
+    "with the matcher": _MATCHER,
+    "with both networks": f"{_MATCHER}; fuse.PoseWeights.found(None).estimator(floor=True)",
 }
 
 
@@ -131,17 +133,25 @@ def _fuse(
         )
     with costs.part("draw"):
         encoded_png(fusion_picture(meeting, result))
-    found = fused(
-        FuseRequest(
-            maps=maps,
-            T_m0_r0=sighting.T_m0_r0,
-            T_m1_r1=sighting.T_m1_r1,
-            T_r0_r1=sighting.T_r0_r1,
-            refine=Refinement.NONE,
-        )
-    )
+    found = fused(_request(sighting, estimator))
     with costs.part("draw and write"):
         write_fused(found, sighting.folder / "out")
+
+
+def _request(sighting: _Sighting, estimator: ImagePoseEstimator | None) -> FuseRequest:
+    """The sighting as it is written: with the image that is drawn, if there is one."""
+    folder = sighting.folder
+    seen = estimator is not None and (folder / "image.png").is_file()
+    return FuseRequest(
+        maps=(folder / "map0.yaml", folder / "map1.yaml"),
+        T_m0_r0=sighting.T_m0_r0,
+        T_m1_r1=sighting.T_m1_r1,
+        images=(folder / "image.png",) if seen else (),
+        camera=folder / "camera.yaml" if seen else None,
+        T_r0_r1=None if seen else sighting.T_r0_r1,
+        refine=Refinement.NONE,
+        pose_estimator=estimator if seen else None,
+    )
 
 
 def _see(folder: Path, estimator: ImagePoseEstimator, costs: _Costs) -> None:
