@@ -48,7 +48,7 @@ check: $(READY)  ## format, lint, types, import contracts
 	$(VENV)/bin/mypy
 	$(VENV)/bin/lint-imports
 
-bench: $(READY)  ## speed of the episode loop and of its parts, as JSON
+bench: $(READY)  ## speed of episodes, rendering, training, estimators and fuse, part by part, as JSON
 	@$(VENV)/bin/python -m benchmarks
 
 golden: $(READY)  ## take on a wanted change: write tests/golden.json anew

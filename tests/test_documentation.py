@@ -3,11 +3,13 @@ from __future__ import annotations
 import re
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 
+from pipeline.config_sections import TrainSection
 from pipeline.documentation import ROOT, documented
 from pipeline.geometry.se2 import SE2
 from pipeline.robot_file import load_robot
@@ -36,6 +38,17 @@ def test_every_file_that_the_readme_links_to_exists():
     links = re.findall(r"\]\(([^)#]+)\)", README)
     assert len(links) > 5
     assert [link for link in links if not link.startswith("http") and not (ROOT / link).exists()] == []
+
+
+def test_contributors_find_parameters_where_they_are_told():
+    told = (ROOT / "CONTRIBUTING.md").read_text()
+    (named,) = re.findall(r"section in `(pipeline/\w+\.py)`", told)
+    assert named == f"{TrainSection.__module__.replace('.', '/')}.py"
+    rooms = re.findall(r"`(\w+)`", re.findall(r"\*\*Rooms\*\* \((.*?)\)", told)[0])
+    layers = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"][0]
+    packages = {path.parent.name for path in (ROOT / "pipeline").glob("*/__init__.py")}
+    below_stages = {name for line in layers["layers"][4:] for name in re.findall(r"\w+", line)} & packages
+    assert set(rooms) == below_stages - {"store", "interop"}  # which deal with files
 
 
 def test_the_pictures_suit_a_readme():
