@@ -45,6 +45,8 @@ if TYPE_CHECKING:
     from pipeline.stages.trained_estimators import Trained
 
 PERTURBATIONS = "perturbations.json"
+MOST_XY_M = 8.0
+"""Frame errors of more would put map 1 out of the window."""
 RECORDS = ROOT / "assets" / "metrics"
 _PACKAGES = (
     "rendezvous-fusion",
@@ -115,10 +117,9 @@ def evaluate(settings: Evaluation) -> Path:
     """
     if settings.split not in SPLIT_NAMES:
         raise ConfigError(f"--split is {settings.split!r}; must be one of {', '.join(SPLIT_NAMES)}")
-    yaw_rad = math.radians(settings.yaw_range_deg)
-    range_ = PerturbationRange(xy_m=settings.xy_range_m, yaw_rad=yaw_rad)
+    range_ = _range(settings)
     methods = chosen_methods(
-        settings.methods, settings.weights, xy_range_m=settings.xy_range_m, yaw_range_rad=yaw_rad
+        settings.methods, settings.weights, xy_range_m=range_.xy_m, yaw_range_rad=range_.yaw_rad
     )
     pairs = read_pairs(StageReader(settings.dataset, "pack"), settings.split)
     trial = Trial.of(pairs, _drawn(pairs, settings), range_, seed=settings.seed)
@@ -134,6 +135,15 @@ def evaluate(settings: Evaluation) -> Path:
         recorded.keep((content.rows[name] for name in found), settings.console)
     _write(content, trial, settings)
     return settings.folder / PAGE
+
+
+def _range(settings: Evaluation) -> PerturbationRange:
+    """Of the frame errors, as the options give it."""
+    xy_m, yaw_deg = settings.xy_range_m, settings.yaw_range_deg
+    for option, value, most in (("--xy-range-m", xy_m, MOST_XY_M), ("--yaw-range-deg", yaw_deg, 180.0)):
+        if not 0.0 <= value <= most:
+            raise ConfigError(f"{option} is {value:g}; must be from 0 to {most:g}")
+    return PerturbationRange(xy_m=xy_m, yaw_rad=math.radians(yaw_deg))
 
 
 def _drawn(pairs: PairTable, settings: Evaluation) -> Sequence[int]:

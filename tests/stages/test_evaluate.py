@@ -174,7 +174,9 @@ def test_workers_and_batches_change_nothing_but_time(data, tmp_path, monkeypatch
         (("--weights", "matcher"), "--weights is 'matcher'; must be NAME=PATH"),
         (("--weights", "orb=x"), "orb has no weights"),
         (("--methods", "cnn-lie"), "cnn-lie: no weights in runs/cnn-lie/weights.safetensors or "),
-        (("--xy-range-m", "9"), "xy_m is 9.0; must be from 0 to 8"),
+        (("--xy-range-m", "9"), "--xy-range-m is 9; must be from 0 to 8"),
+        (("--yaw-range-deg", "181"), "--yaw-range-deg is 181; must be from 0 to 180"),
+        (("--yaw-range-deg", "nan"), "--yaw-range-deg is nan; must be from 0 to 180"),
     ],
 )
 def test_what_the_user_can_fix_is_one_line_and_exit_2(data, tmp_path, monkeypatch, options, said):
