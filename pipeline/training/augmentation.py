@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pipeline.errors import require_within
+from pipeline.errors import ConfigError, require_within
 from pipeline.geometry.occupancy_grid import OccupancyGrid
 from pipeline.geometry.se2 import SE2
 from pipeline.training.clutter import draw_things, with_things
@@ -63,6 +63,13 @@ class Augmentation:
         shares = ("untouched", "furniture", "cut", "bend", "resolution", "rescan", "spurious", "thick")
         require_within(self, **dict.fromkeys((*shares, "ragged", "patches", "specks"), (0.0, 1.0)))
         require_within(self, furniture_things=(1, 100), bend_m=(0.0, 0.1))
+        for name, least, most in (("cut_overlap_m", 0.0, 100.0), ("resolution_m", 0.01, 1.0)):
+            low, high = getattr(self, name)
+            if not least <= low <= high <= most:
+                raise ConfigError(
+                    f"Augmentation: {name} is {[low, high]}; must rise from at least {least:g} to at most "
+                    f"{most:g}"
+                )
 
 
 def augmented(pair: MapPair, settings: Augmentation, rng: np.random.Generator) -> MapPair:

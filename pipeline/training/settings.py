@@ -44,8 +44,9 @@ def filled(
                 f"{section}.sampling"
             )
         if key not in known:
-            near = difflib.get_close_matches(key, known, n=1, cutoff=0.5) or [", ".join(known)]
-            raise ConfigError(f"{where}: {model} has no {key!r}; the nearest known is {near[0]!r}")
+            near = difflib.get_close_matches(key, known, n=1, cutoff=0.5)
+            right = f"the nearest known is {near[0]!r}" if near else f"known are {', '.join(known)}"
+            raise ConfigError(f"{where}: {model} has no {key!r}; {right}")
         if not _is_like(value, defaults[key]):
             raise ConfigError(f"{where}: {key} of {model} is {value!r}; must be like {defaults[key]!r}")
     given = {key: tuple(value) if isinstance(value, list) else value for key, value in settings.items()}

@@ -220,3 +220,10 @@ def test_the_configuration_takes_shares_and_says_which_are_wrong():
     assert config.train.sampling.augmentation.resolution_m == (0.04, 0.06)
     with pytest.raises(ConfigError, match=r"rescan is 1.5; must be from 0 to 1"):
         Augmentation(rescan=1.5)
+    for resolution_m in ((0.0, 0.0), (0.1, 0.03)):
+        with pytest.raises(
+            ConfigError, match=r"resolution_m is \[0.*must rise from at least 0.01 to at most 1"
+        ):
+            Augmentation(resolution_m=resolution_m)
+    with pytest.raises(ConfigError, match=r"cut_overlap_m is \[-1.0, 2.0\]; must rise from at least 0 to"):
+        Augmentation(cut_overlap_m=(-1.0, 2.0))

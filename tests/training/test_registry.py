@@ -58,6 +58,7 @@ def test_a_model_is_rebuilt_from_its_configuration_alone(name: str):
     ("name", "settings", "said"),
     [
         ("cnn", {"cells": "many"}, "cells of cnn is 'many'; must be like 192"),
+        ("cnn", {"zzz": 0}, "cnn has no 'zzz'; known are cells, width, depth, heads"),
         ("cnn", {"cells": 0}, "cells is 0; must be 12 times 2"),
         ("cnn", {"cells": 96}, "cells is 96; must divide the window's 48 cells"),
         ("cnn", {"heads": 0}, "heads is 0; must be from 1 to 1024"),
