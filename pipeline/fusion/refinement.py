@@ -24,7 +24,8 @@ class Refinement(StrEnum):
 
     NONE: not at all. LEARNED: by the matcher, over its whole default search, whatever the sighting says of
     its error. CORRELATIVE: by correlative search, as far as the sighting's covariance reaches. AUTO: by the
-    matcher, whose posterior is multiplied by what the sighting says.
+    matcher, whose posterior is multiplied by what the sighting says; its search is wide whatever that says,
+    for a small share of it is kept for sightings of something else.
     """
 
     NONE = "none"

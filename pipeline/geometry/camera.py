@@ -34,6 +34,18 @@ class PinholeCamera:
                 "focal lengths and size must be positive"
             )
 
+    @staticmethod
+    def of_matrix(K: Array, width_px: int, height_px: int) -> PinholeCamera:
+        """The camera of a matrix (3, 3) [px] without skew."""
+        return PinholeCamera(
+            fx_px=float(K[0, 0]),
+            fy_px=float(K[1, 1]),
+            cx_px=float(K[0, 2]),
+            cy_px=float(K[1, 2]),
+            width_px=width_px,
+            height_px=height_px,
+        )
+
     def K(self) -> Array:
         """(3, 3) camera matrix [px]."""
         return np.array([[self.fx_px, 0.0, self.cx_px], [0.0, self.fy_px, self.cy_px], [0.0, 0.0, 1.0]])

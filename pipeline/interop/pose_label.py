@@ -64,17 +64,10 @@ def label_of(row: Mapping[str, Any]) -> PoseLabel:
     Raises:
         PipelineError: the row contradicts itself.
     """
-    K, box_px, visible_px = row["K"], row["box_px"], row["visible_px"]
+    box_px, visible_px = row["box_px"], row["visible_px"]
     x_m, y_m, z_m = row["cuboid_size_m"].tolist()
     return PoseLabel(
-        camera=PinholeCamera(
-            fx_px=float(K[0, 0]),
-            fy_px=float(K[1, 1]),
-            cx_px=float(K[0, 2]),
-            cy_px=float(K[1, 2]),
-            width_px=row["image_width_px"],
-            height_px=row["image_height_px"],
-        ),
+        camera=PinholeCamera.of_matrix(row["K"], row["image_width_px"], row["image_height_px"]),
         cuboid_size_m=(x_m, y_m, z_m),
         T_c_o=row["T_c_o"],
         visible_px=visible_px,

@@ -58,7 +58,8 @@ def export_sighting(dataset: str, pair_id: str | None, out: Path) -> str:
             grid = grid_from_png(row[f"map_{i}"], resolution_m=row["resolution_m"], T_m_g=row[f"origin_{i}"])
             write_ros_map(grid, folder / f"map{i}.yaml")
         if row["image"]:
-            write_camera_info(_camera(row), folder / "camera.yaml")
+            camera = PinholeCamera.of_matrix(row["K"], row["image_width_px"], row["image_height_px"])
+            write_camera_info(camera, folder / "camera.yaml")
             (folder / "image.png").write_bytes(_png(row))
         command = _command(row, out)
         (folder / _COMMAND).write_text(f"{command}\n")
@@ -93,18 +94,6 @@ def _row(reader: StageReader, pair_id: str | None) -> Mapping[str, Any]:
 def _best_seen(table: pa.Table) -> int:
     """The first row whose image shows the whole robot; the first of all if none does."""
     return next((i for i, share in enumerate(table["visibility"].to_pylist()) if (share or 0.0) >= WHOLE), 0)
-
-
-def _camera(row: Mapping[str, Any]) -> PinholeCamera:
-    K = row["K"]
-    return PinholeCamera(
-        fx_px=float(K[0, 0]),
-        fy_px=float(K[1, 1]),
-        cx_px=float(K[0, 2]),
-        cy_px=float(K[1, 2]),
-        width_px=row["image_width_px"],
-        height_px=row["image_height_px"],
-    )
 
 
 def _png(row: Mapping[str, Any]) -> bytes:

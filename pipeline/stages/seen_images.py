@@ -144,7 +144,7 @@ def _places(reader: StageReader, split: str, kind: str) -> pa.Table:
 
 
 def _seen(row: dict[str, Any], kind: str, image_id: str) -> SeenImage:
-    T_c_o, K = row["T_c_o"], row["K"]
+    T_c_o = row["T_c_o"]
     distance_m, heading_rad = (np.nan, np.nan) if T_c_o is None else as_seen(T_c_o)
     return SeenImage(
         truth=ImageTruth(
@@ -157,14 +157,7 @@ def _seen(row: dict[str, Any], kind: str, image_id: str) -> SeenImage:
             heading_rad=heading_rad,
         ),
         encoded=row["image"],
-        camera=PinholeCamera(
-            fx_px=float(K[0, 0]),
-            fy_px=float(K[1, 1]),
-            cx_px=float(K[0, 2]),
-            cy_px=float(K[1, 2]),
-            width_px=row["image_width_px"],
-            height_px=row["image_height_px"],
-        ),
+        camera=PinholeCamera.of_matrix(row["K"], row["image_width_px"], row["image_height_px"]),
         T_r0_c=row["T_r0_c"],
         cuboid_size_m=(*(float(side) for side in row["cuboid_size_m"]),),  # type: ignore[arg-type]
         box_px=row["box_px"],

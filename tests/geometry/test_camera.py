@@ -25,6 +25,11 @@ def test_projection_agrees_with_opencv() -> None:
     np.testing.assert_allclose(D435.project(p_c), expected[:, 0], atol=1e-9)
 
 
+def test_a_camera_is_its_matrix_and_size() -> None:
+    oblong = PinholeCamera(fx_px=610.0, fy_px=620.0, cx_px=300.0, cy_px=250.0, width_px=640, height_px=480)
+    assert PinholeCamera.of_matrix(oblong.K(), 640, 480) == oblong
+
+
 def test_a_point_behind_the_camera_is_nowhere_in_the_image() -> None:
     uv_px = D435.project(np.array([[0.0, 0.0, -1.0], [0.0, 0.0, 1.0]]))
     assert D435.in_image(uv_px).tolist() == [False, True]
