@@ -36,7 +36,7 @@ WRONG_SHARE, FLAGGED_SHARE = 0.005, 0.5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Calibration:
+class MatcherCalibration:
     """How to read a matcher's posterior.
 
     Attributes:
@@ -74,18 +74,18 @@ class Calibration:
         return asdict(self)
 
     @staticmethod
-    def from_dict(values: Mapping[str, Any]) -> Calibration:
+    def from_dict(values: Mapping[str, Any]) -> MatcherCalibration:
         """Inverse of `as_dict`.
 
         Raises:
             ConfigError: a field is missing or unknown, or a value has no use.
         """
-        expected = {field.name for field in fields(Calibration)}
+        expected = {field.name for field in fields(MatcherCalibration)}
         if values.keys() != expected or not all(isinstance(v, int | float) for v in values.values()):
             raise ConfigError(
                 f"matcher: calibration holds {dict(values)}; must hold numbers {sorted(expected)}"
             )
-        return Calibration(**values)
+        return MatcherCalibration(**values)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -96,7 +96,7 @@ class Reading:
     theta: SE2
 
 
-def fitted(readings: Sequence[Reading]) -> Calibration:
+def fitted(readings: Sequence[Reading]) -> MatcherCalibration:
     """The calibration that fits best.
 
     First what is ambiguous; of the other pairs then, by likelihood of the truth, the sharpness of the density
@@ -107,7 +107,7 @@ def fitted(readings: Sequence[Reading]) -> Calibration:
     least_mass = least_trusted_mass(mass_P, _wrong(error_P3))
     sure = [reading for reading, mass in zip(readings, mass_P, strict=True) if mass >= least_mass]
     if not sure:
-        return Calibration(least_mass=least_mass)
+        return MatcherCalibration(least_mass=least_mass)
     likelihoods = [
         np.mean([reading.posterior.sharpened(s).log_density(reading.theta) for reading in sure])
         for s in SHARPNESSES
@@ -135,7 +135,7 @@ def least_trusted_mass(mass_P: Array, wrong_P: Mask) -> float:
     return float(0.5 * (mass_P[order[flagged - 1]] + mass_P[order[flagged]]))
 
 
-def most_likely_spread(error_P3: Array, covariance_P33: Array) -> Calibration:
+def most_likely_spread(error_P3: Array, covariance_P33: Array) -> MatcherCalibration:
     """The scale, floors and degrees of freedom under which the errors are most likely.
 
     Args:
@@ -143,9 +143,9 @@ def most_likely_spread(error_P3: Array, covariance_P33: Array) -> Calibration:
         covariance_P33: that the matcher gave them.
     """
 
-    def calibration(logs: Array) -> Calibration:
+    def calibration(logs: Array) -> MatcherCalibration:
         scale, floor_m, floor_rad, tails = np.exp(np.clip(logs, *np.log(_LIMITS).T))
-        return Calibration(
+        return MatcherCalibration(
             scale=float(scale),
             floor_m=float(floor_m),
             floor_rad=float(floor_rad),

@@ -18,7 +18,7 @@ from pipeline.errors import ConfigError
 from pipeline.geometry.occupancy_grid import Cells
 from pipeline.geometry.se2 import SE2, Array
 from pipeline.models.matcher import Features, Matcher
-from pipeline.models.matcher_calibration import Calibration
+from pipeline.models.matcher_calibration import MatcherCalibration
 from pipeline.models.posterior import WHOLE, Gaussian, Mode, Posterior, log_prior, log_sum_exp
 from pipeline.models.refined_posterior import RefinedPosterior
 
@@ -51,7 +51,7 @@ class MatcherEstimator:
     priors: tuple[Gaussian, ...] = ()
     peaks: int = 8
     negligible: float = 0.01
-    calibration: Calibration = field(default_factory=Calibration)
+    calibration: MatcherCalibration = field(default_factory=MatcherCalibration)
     uses_sight: bool = True
 
     @property

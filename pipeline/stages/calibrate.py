@@ -9,7 +9,7 @@ from rich.console import Console
 
 from pipeline.alignment.window import DEFAULT_SEARCH
 from pipeline.errors import ConfigError
-from pipeline.models.matcher_calibration import Calibration, Reading, fitted
+from pipeline.models.matcher_calibration import MatcherCalibration, Reading, fitted
 from pipeline.models.matcher_estimator import MatcherEstimator
 from pipeline.progress import meter
 from pipeline.stages.trained_estimators import load
@@ -27,7 +27,7 @@ LEAST_PAIRS = 20
 
 def calibrate(
     weights: Path, dataset: str, *, seed: int, threads: int, count: int = PAIRS, console: Console
-) -> Calibration:
+) -> MatcherCalibration:
     """Write a calibration into a matcher's weights; the weights themselves stay.
 
     Args:
@@ -45,7 +45,7 @@ def calibrate(
     disk = Disk(str(weights.parent))
     found, where = read_checkpoint(disk.read(weights.name), where=str(weights)), str(weights)
     # As the scores have it, whatever an earlier calibration said.
-    bare = retold(found, calibration=Calibration().as_dict())
+    bare = retold(found, calibration=MatcherCalibration().as_dict())
     estimator = load(bare, "matcher", DEFAULT_SEARCH, where=where, threads=threads).estimator
     assert isinstance(estimator, MatcherEstimator)
     pairs = read_pairs(StageReader(dataset, "pack"), _SPLIT)
@@ -61,7 +61,7 @@ def calibrate(
     return calibration
 
 
-def _told(calibration: Calibration, pairs: int) -> str:
+def _told(calibration: MatcherCalibration, pairs: int) -> str:
     return (
         f"calibrate: on {pairs} validation pairs: sharpness {calibration.sharpness:.2f}; covariance times "
         f"{calibration.scale:.2f}, at least {1e3 * calibration.floor_m:.1f} mm, "

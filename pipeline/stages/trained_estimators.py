@@ -18,7 +18,7 @@ from pipeline.evaluation.table_one import model_of
 from pipeline.geometry.se2 import SE2, Array
 from pipeline.models.attention import attention_rollout
 from pipeline.models.frame_error import FrameErrorViT, input_grid
-from pipeline.models.matcher_calibration import Calibration
+from pipeline.models.matcher_calibration import MatcherCalibration
 from pipeline.models.matcher_estimator import MatcherEstimator
 from pipeline.models.refined_posterior import RefinedPosterior
 from pipeline.training.checkpoint import fit_weights_in_place, read_checkpoint
@@ -108,7 +108,9 @@ def load(data: bytes, name: str, search: SearchRange, *, where: str, threads: in
             model=model.network,
             search=search,
             uses_sight=name != "matcher-maps",
-            calibration=Calibration.from_dict(record.get("calibration", Calibration().as_dict())),
+            calibration=MatcherCalibration.from_dict(
+                record.get("calibration", MatcherCalibration().as_dict())
+            ),
         )
         return Trained(estimator=estimator, record=record, attention=None)
     assert isinstance(model, PaperModel)

@@ -14,7 +14,7 @@ from pipeline.alignment.window import OCCUPIED_CELL, MapWindow, SearchRange
 from pipeline.errors import ConfigError
 from pipeline.geometry.se2 import SE2
 from pipeline.models.matcher import Matcher, MatcherConfig
-from pipeline.models.matcher_calibration import Calibration
+from pipeline.models.matcher_calibration import MatcherCalibration
 from pipeline.models.matcher_estimator import MatcherEstimator
 from pipeline.models.matcher_loss import LossSampling, matcher_loss
 from pipeline.models.posterior import Gaussian
@@ -181,7 +181,7 @@ def test_sharpness_narrows_the_covariance_alone():
     with torch.no_grad():
         matcher.fine_log_scale.fill_(math.log(0.02))
     plain, sharp = (
-        MatcherEstimator(model=matcher, calibration=Calibration(sharpness=sharpness)).posterior(window)
+        MatcherEstimator(model=matcher, calibration=MatcherCalibration(sharpness=sharpness)).posterior(window)
         for sharpness in (1.0, 2.0)
     )
     ratio = np.diag(sharp.best().covariance) / np.diag(plain.best().covariance)

@@ -15,7 +15,7 @@ from pipeline.errors import ConfigError
 from pipeline.geometry.se2 import SE2, Array
 from pipeline.models.matcher import MatcherConfig
 from pipeline.models.matcher_calibration import (
-    Calibration,
+    MatcherCalibration,
     Reading,
     fitted,
     least_trusted_mass,
@@ -96,7 +96,7 @@ def _normal(sigma: Array) -> RefinedPosterior:
     return RefinedPosterior(coarse=flat, pieces=(piece,), masses=np.array([0.95]), rest=rest)
 
 
-def _nees(calibration: Calibration, reading: Reading) -> float:
+def _nees(calibration: MatcherCalibration, reading: Reading) -> float:
     best = reading.posterior.sharpened(calibration.sharpness).best()
     error = (best.mean.inverse() @ reading.theta).as_array()
     return float(error @ np.linalg.inv(calibration.covariance(best.covariance)) @ error)
@@ -111,7 +111,7 @@ def test_an_estimator_reads_its_posterior_as_it_is_calibrated():
     model = (
         MatcherConfig(cell_m=0.1, coarse_factor=2, fine_factor=1, channels=8, dilations=(1,)).build().eval()
     )
-    calibration = Calibration(
+    calibration = MatcherCalibration(
         sharpness=3.0, scale=0.5, floor_m=0.02, floor_rad=0.01, degrees_of_freedom=5.0, least_mass=0.0
     )
     raw = MatcherEstimator(model=model).posterior(_window())
@@ -125,7 +125,7 @@ def test_an_estimator_reads_its_posterior_as_it_is_calibrated():
     )
     assert estimate.degrees_of_freedom == calibration.degrees_of_freedom == 5.0
     assert not estimate.ambiguous
-    sure = Calibration(least_mass=1.0)
+    sure = MatcherCalibration(least_mass=1.0)
     assert MatcherEstimator(model=model, calibration=sure)(_window()).ambiguous
 
 
@@ -141,16 +141,16 @@ def test_sharpening_leaves_a_prior_as_wide_as_it_is():
         model=model,
         search=SearchRange(xy_m=1.0, yaw_rad=0.3),
         priors=(prior,),
-        calibration=Calibration(sharpness=8.0),
+        calibration=MatcherCalibration(sharpness=8.0),
     )
     found = estimator.posterior(_window()).best()
     np.testing.assert_allclose(np.diag(found.covariance), np.diag(prior.covariance), rtol=0.15)
 
 
 def test_a_calibration_is_kept_as_numbers():
-    calibration = Calibration(sharpness=2.0, scale=0.3, floor_m=0.004, floor_rad=0.002, least_mass=0.8)
-    assert Calibration.from_dict(calibration.as_dict()) == calibration
+    calibration = MatcherCalibration(sharpness=2.0, scale=0.3, floor_m=0.004, floor_rad=0.002, least_mass=0.8)
+    assert MatcherCalibration.from_dict(calibration.as_dict()) == calibration
     with pytest.raises(ConfigError, match="must hold numbers"):
-        Calibration.from_dict({**calibration.as_dict(), "scale": "wide"})
+        MatcherCalibration.from_dict({**calibration.as_dict(), "scale": "wide"})
     with pytest.raises(ConfigError, match="least_mass"):
-        Calibration.from_dict({**calibration.as_dict(), "least_mass": 1.5})
+        MatcherCalibration.from_dict({**calibration.as_dict(), "least_mass": 1.5})

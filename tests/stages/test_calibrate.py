@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 from pipeline.alignment.window import SearchRange
 from pipeline.cli import app
-from pipeline.models.matcher_calibration import Calibration
+from pipeline.models.matcher_calibration import MatcherCalibration
 from pipeline.stages import calibrate
 from pipeline.stages.pack import pack
 from pipeline.stages.trained_estimators import load
@@ -58,8 +58,8 @@ def test_weights_are_kept_and_a_calibration_is_added(data, tmp_path, monkeypatch
     after = read_checkpoint(weights.read_bytes(), where="after")
     assert all(torch.equal(after.tensors[name], tensor) for name, tensor in before.tensors.items())
     assert {k: v for k, v in after.record.items() if not k.startswith("calibra")} == before.record
-    found = Calibration.from_dict(after.record["calibration"])
-    assert found != Calibration()
+    found = MatcherCalibration.from_dict(after.record["calibration"])
+    assert found != MatcherCalibration()
     assert after.record["calibrated_on"]["pairs"] >= 3
     search = SearchRange(xy_m=1.0, yaw_rad=0.3)
     assert load(weights.read_bytes(), "matcher", search, where="w", threads=1).estimator.calibration == found

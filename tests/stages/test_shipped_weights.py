@@ -10,7 +10,7 @@ import pytest
 from pipeline.alignment.frame_error import pose_difference
 from pipeline.alignment.window import SearchRange
 from pipeline.geometry.se2 import SE2
-from pipeline.models.matcher_calibration import Calibration
+from pipeline.models.matcher_calibration import MatcherCalibration
 from pipeline.models.matcher_estimator import MatcherEstimator
 from pipeline.stages.trained_estimators import Trained, load
 from tests.baselines.windows import real_window, window_with
@@ -62,5 +62,5 @@ def test_they_agree_with_the_registration_of_the_real_pair_from_almost_everywher
 def test_they_are_calibrated(matcher: Trained) -> None:
     assert isinstance(matcher.estimator, MatcherEstimator)
     calibration = matcher.estimator.calibration
-    assert calibration != Calibration()
+    assert calibration != MatcherCalibration()
     assert matcher.record["calibrated_on"]["pairs"] >= 300
