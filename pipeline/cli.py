@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
-from importlib import import_module
+from importlib import import_module, metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -60,6 +60,21 @@ app = typer.Typer(
 )
 
 
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        print(f"rendezvous {metadata.version('rendezvous-fusion')}")
+        raise typer.Exit
+
+
+@app.callback()
+def options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version.")
+    ] = False,
+) -> None:
+    """What goes for all commands."""
+
+
 def _stage_command(stage: str, help_text: str) -> None:
     """Add a stage's command. Its module is imported when it runs, so that help comes at once."""
 
@@ -74,8 +89,21 @@ def _stage_command(stage: str, help_text: str) -> None:
         engine: EngineName = "local",
     ) -> None:
         run = make_run(config, preset, overrides, data, workers, seed, engine)
-        for name in STAGES if stage == "dataset" else (stage,):
-            _stage_function(name)(run)
+        if stage == "dataset":
+            _make_dataset(run)
+        else:
+            _stage_function(stage)(run)
+
+
+def _make_dataset(run: Run) -> None:
+    """All stages; what would stop the last ones is told before the long ones begin."""
+    from pipeline.stages.foresight import check_pictures, check_splits
+
+    check_pictures(run)
+    for stage in STAGES:
+        _stage_function(stage)(run)
+        if stage == "floorplans":
+            check_splits(run)
 
 
 def _stage_function(stage: str) -> Callable[[Run], Any]:

@@ -22,7 +22,7 @@ from pipeline.cli_options import (
     dataset_folder,
     make_run,
 )
-from pipeline.errors import SetupError
+from pipeline.errors import SetupError, StoreError
 
 if TYPE_CHECKING:
     from pipeline.engine import Run
@@ -130,5 +130,8 @@ def calibrate_pose(
 def _calibrate(stage: str, weights: Path, data: str, seed: int, workers: int) -> None:
     from rich.console import Console
 
+    if not weights.is_file():
+        makes = "train-pose" if stage == "calibrate_pose" else "train"
+        raise StoreError(f"{weights}: no such file; must be weights that `rendezvous {makes}` writes")
     calibrated = _stage_function(stage)
     calibrated(weights, dataset_folder(data), seed=seed, threads=workers, console=Console(stderr=True))

@@ -53,7 +53,8 @@ def split_plans(
             f"{' and '.join(empty)} would be empty: {len(splits)} floor plans, of which "
             f"{' and '.join(f'{fractions[name]:.0%}' for name in empty)} are wanted there; about "
             f"{plans_needed(fractions)} plans leave no split empty with 99 % probability "
-            "(more floor plans, or larger pack.validation_fraction and pack.test_fraction)"
+            "(more floor plans, or larger pack.validation_fraction and pack.test_fraction; one of them 1 and "
+            "the other 0 publish all as one split)"
         )
     return splits
 

@@ -45,6 +45,12 @@ def test_help_names_all_commands():
         assert name in shown.stdout
 
 
+def test_the_version_is_that_of_the_package():
+    shown = rendezvous("--version")
+    assert shown.returncode == 0
+    assert f'version = "{shown.stdout.split()[1]}"' in (ROOT / "pyproject.toml").read_text()
+
+
 def test_help_imports_nothing_heavy():
     code = (
         "import sys, pipeline.cli; print([m for m in ('numpy', 'pyarrow', 'pydantic') if m in sys.modules])"

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from rich.console import Console
 
-from pipeline.errors import ConfigError
+from pipeline.errors import ConfigError, StoreError
 from pipeline.evaluation.estimates import Outcomes, Pairs
 from pipeline.evaluation.gallery import Panel, attention_panel, chosen_pairs, panels
 from pipeline.evaluation.measured_row import Conditions, MeasuredRow, Training
@@ -20,7 +20,7 @@ from pipeline.evaluation.report_gallery import Shown
 from pipeline.evaluation.statistics import resample_weights
 from pipeline.evaluation.summary import comparisons, ranking, summary
 from pipeline.evaluation.symmetry import WIDE_RANGE_DEG, Symmetry, turn_symmetry
-from pipeline.evaluation.table_one import METHODS
+from pipeline.evaluation.table_one import METHODS, model_of
 from pipeline.geometry.se2 import Array
 from pipeline.seeds import stream
 from pipeline.stages.estimators import (
@@ -125,7 +125,7 @@ def evaluate(settings: Evaluation) -> Path:
     trial = Trial.of(pairs, _drawn(pairs, settings), range_, seed=settings.seed)
     # All that can be wrong with files shows here, and not after an hour of measuring.
     kept_metrics(Disk(str(settings.folder)))
-    contenders = {method.name: _contender(method, trial, settings) for method in methods}
+    contenders = _contenders(methods, trial, settings)
     conditions, recorded = _conditions(trial, settings), RecordedRows.read(settings.records)
     if settings.record:
         recorded.require_no_loss(contenders, conditions)
@@ -150,6 +150,23 @@ def _drawn(pairs: PairTable, settings: Evaluation) -> Sequence[int]:
     """Indices of the pairs to measure, in order; a larger draw holds a smaller one."""
     order = stream(settings.seed, "evaluation", "pairs").permutation(len(pairs))
     return sorted(int(index) for index in order[: settings.count])
+
+
+def _contenders(methods: Sequence[Method], trial: Trial, settings: Evaluation) -> dict[str, _Contender]:
+    """By name. A method that was not asked for, and whose weights happen to lie in `runs/`, is left out if
+    these cannot be used."""
+    asked = {*settings.methods, *settings.weights}
+    contenders = {}
+    for method in methods:
+        try:
+            contenders[method.name] = _contender(method, trial, settings)
+        except (ConfigError, StoreError) as error:
+            if {method.name, model_of(method.name)} & asked:
+                raise
+            settings.console.print(
+                f"evaluate: left out {method.name}: {error}", highlight=False, soft_wrap=True, markup=False
+            )
+    return contenders
 
 
 def _contender(method: Method, trial: Trial, settings: Evaluation) -> _Contender:

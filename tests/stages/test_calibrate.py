@@ -77,4 +77,4 @@ def test_too_few_pairs_and_other_weights_are_told(data, tmp_path):
     assert "a calibration needs 20" in told
     assert weights.read_bytes() == before
     assert "must be those of 'matcher'" in _called(_weights(tmp_path, "cnn"), data)[1]
-    assert "absent.safetensors" in _called(tmp_path / "absent.safetensors", data)[1]
+    assert "no such file; must be weights that `rendezvous train` writes" in _called(tmp_path / "no", data)[1]

@@ -44,6 +44,21 @@ def network(tmp_path_factory) -> Path:
     return trained_weights(tmp_path_factory.mktemp("vit-lie"), "vit-lie", TINY_VIT)
 
 
+def test_weights_that_happen_to_lie_in_runs_are_left_out_if_they_cannot_be_used(data, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "runs").mkdir()
+    trained_weights(tmp_path / "runs" / "vit", "vit-lie", TINY_VIT)
+    given = ["evaluate", "--data", str(data), "--count", "2", "--workers", "1", "--records", str(tmp_path)]
+    shown = CliRunner().invoke(app, given)
+    assert shown.exit_code == 0, shown.stderr
+    assert "left out vit: runs/vit/weights.safetensors: weights of 'vit-lie'; must be" in shown.stderr
+    told = json.loads((tmp_path / "report" / "metrics.json").read_text())["frame_error"]["methods"]
+    assert "vit" not in told
+    assert {"correlative", "matcher"} <= set(told)
+    asked = CliRunner().invoke(app, [*given, "--methods", "vit"])
+    assert asked.exit_code == 2
+
+
 @pytest.mark.parametrize(
     ("name", "settings", "sampling"),
     [
