@@ -117,7 +117,7 @@ _PLURALS = {
     "best": "Best",
     "median": "Median",
     "worst": "Worst in position and in heading",
-    "missed": "Missed, though most is visible",
+    "missed": "Missed, those first of which most is visible",
     "false detection": "False detections",
 }
 
