@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from scipy.special import chdtri, fdtri
 
 from pipeline.evaluation.canvas import BLUE, INK, MUTED, PAPER, RED, Canvas, Colour, Image, View, fitted_view
 from pipeline.evaluation.map_panels import BOTH, blended, draw_robot, sampled
@@ -16,13 +17,13 @@ from pipeline.geometry.cuboid import Vec3, project_cuboid
 from pipeline.geometry.se2 import SE2, Array
 from pipeline.pose_estimation.relative_pose import RelativePose
 
-LONGER_PX, LEAST_PX, MOST_PX_PER_M = 1200, 640, 80.0
+LONGER_PX, LEAST_PX, MOST_PX_PER_M = 1200, 700, 80.0
 """The picture's longer side and its least width; small maps get no more than so many pixels a metre."""
 
 _MARGIN_M = 0.5
 _HEADER_PX, _CAPTION_PX, _EDGE_PX = 92, 36, 18
-_ELLIPSE_SIGMAS = math.sqrt(5.991)
-"""Holds 95 % of a normal distribution of two dimensions."""
+_ELLIPSE_PROBABILITY = 0.95
+"""That the ellipse holds robot 1."""
 _MEETING: Colour = (245, 160, 20)
 _GOOD: Colour = (20, 120, 60)
 
@@ -112,7 +113,16 @@ def _ellipse_m(result: FusionResult, T_m0_r1: SE2) -> Array:
     turns = np.linspace(0.0, 2.0 * math.pi, 72, endpoint=False)
     values, axes = np.linalg.eigh(result.covariance[:2, :2])
     circle = np.stack([np.cos(turns), np.sin(turns)], axis=1)
-    return _ELLIPSE_SIGMAS * circle * np.sqrt(values) @ axes.T + (T_m0_r1.x_m, T_m0_r1.y_m)
+    sigmas = _ellipse_sigmas(result.degrees_of_freedom)
+    return sigmas * circle * np.sqrt(values) @ axes.T + (T_m0_r1.x_m, T_m0_r1.y_m)
+
+
+def _ellipse_sigmas(degrees_of_freedom: float) -> float:
+    """How far the ellipse reaches, in standard deviations of a t distribution of two dimensions."""
+    if math.isinf(degrees_of_freedom):
+        return math.sqrt(chdtri(2, 1.0 - _ELLIPSE_PROBABILITY))
+    nu = degrees_of_freedom
+    return math.sqrt(2.0 * fdtri(2, nu, _ELLIPSE_PROBABILITY) * (nu - 2.0) / nu)
 
 
 def _header(width_px: int, result: FusionResult) -> Image:
@@ -131,5 +141,10 @@ def _header(width_px: int, result: FusionResult) -> Image:
         u_px = canvas.text(words, u_px + 18, 74, size_px=17) + 22
     canvas.polyline(np.array([[u_px, 62], [u_px + 12, 74]]), colour=_MEETING, width_px=2)
     canvas.polyline(np.array([[u_px, 74], [u_px + 12, 62]]), colour=_MEETING, width_px=2)
-    canvas.text("seen here", u_px + 18, 74, size_px=17)
+    u_px = canvas.text("seen here", u_px + 18, 74, size_px=17) + 22
+    if result.covariance is not None:
+        turns = np.linspace(0.0, 2.0 * math.pi, 24, endpoint=False)
+        ring = np.stack([u_px + 7 + 7.0 * np.cos(turns), 68 + 5.0 * np.sin(turns)], axis=1)
+        canvas.polyline(ring, colour=_MEETING, width_px=2, closed=True)
+        canvas.text(f"{_ELLIPSE_PROBABILITY:.0%}", u_px + 20, 74, size_px=17)
     return canvas.image

@@ -212,9 +212,6 @@ def _report_acceptance(run: Run, manifest: Manifest) -> None:
         FloorplanError: none is.
     """
     candidates, plans = manifest.counts().get("candidates", 0), manifest.rows
-    if not plans:
-        first = f"; the first: {manifest.quarantined[0].reason}" if manifest.quarantined else ""
-        raise FloorplanError(f"none of {candidates} floor plans is usable{first}")
     for entry in manifest.quarantined[:TOLD_QUARANTINED]:
         run.say(f"floorplans: left out {entry.item_id}: {entry.reason}")
     if len(manifest.quarantined) > TOLD_QUARANTINED:
@@ -222,4 +219,7 @@ def _report_acceptance(run: Run, manifest: Manifest) -> None:
         run.say(
             f"floorplans: left out {more} more; all reasons are in {run.folder('floorplans')}/manifest.json"
         )
+    if not plans:
+        first = f"; the first: {manifest.quarantined[0].reason}" if manifest.quarantined else ""
+        raise FloorplanError(f"none of {candidates} floor plans is usable{first}")
     run.say(f"floorplans: {plans} of {candidates} plans are usable ({100 * plans / candidates:.1f} %)")

@@ -223,8 +223,10 @@ def test_a_plan_that_cannot_be_used_shadows_none_that_can(make_run: MakeRun, tmp
 
 
 def test_a_run_without_any_usable_plan_says_so(make_run: MakeRun, tmp_path: Path):
-    with pytest.raises(FloorplanError, match=r"none of 1 floor plans is usable; the first: .*not JSON"):
-        floorplans(read_run(make_run, write(tmp_path / "plans", broken="{")))
+    run = read_run(make_run, write(tmp_path / "plans", broken="{", wide=plan("x", width_m=800.0)))
+    with pytest.raises(FloorplanError, match=r"none of 2 floor plans is usable; the first: .*not JSON"):
+        floorplans(run)
+    assert re.search(r"left out .*wide\.json: ", " ".join(run.console.file.getvalue().split()))
     with pytest.raises(FloorplanError, match="none of 0 floor plans is usable"):
         floorplans(read_run(make_run, data=str(tmp_path / "other")))
 
