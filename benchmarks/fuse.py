@@ -35,7 +35,7 @@ from pipeline.interop.ros_map import write_ros_map
 from pipeline.pose_estimation.relative_pose import ImagePoseEstimator
 from pipeline.schema import PAIRS
 from pipeline.stages.export_sighting import export_sighting
-from pipeline.stages.fuse import FuseRequest, _refiner, fused
+from pipeline.stages.fuse import FuseRequest, _matcher, _refiner, fused
 from pipeline.stages.fuse_inputs import mounting, read_camera, read_map, read_photograph
 from pipeline.stages.fuse_outputs import write_fused
 from pipeline.stages.pose_source import PoseWeights
@@ -51,7 +51,7 @@ DEFAULT = ("read maps", "read image", "see", "refine auto", "merge", "check", "d
 """What `rendezvous fuse` does by default."""
 
 _IMPORTS = "import pipeline.cli, pipeline.stages.fuse as fuse, pipeline.stages.fuse_outputs"
-_MATCHER = f"{_IMPORTS}; fuse._refiner(fuse.Refinement.AUTO)"
+_MATCHER = f"{_IMPORTS}; auto = fuse.Refinement.AUTO; fuse._refiner(auto, fuse._matcher(auto))"
 _START = {
     "without a network": _IMPORTS,
     "with the matcher": _MATCHER,
@@ -89,7 +89,7 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
     torch.set_num_threads(1)
     cv2.setNumThreads(1)
     estimator = _pose_estimator()
-    refiners = {refine: _refiner(refine) for refine in Refinement}
+    refiners = {refine: _refiner(refine, _matcher(refine)) for refine in Refinement}
     costs = _Costs()
     with TemporaryDirectory() as name:
         sightings = list(_published(Path(name))) if DATASET.is_dir() else [_synthetic(Path(name))]

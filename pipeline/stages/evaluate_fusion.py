@@ -22,7 +22,7 @@ from pipeline.seeds import stream
 from pipeline.stages.estimators import ROOT, Method, chosen_methods, plans_trained_on, trained
 from pipeline.stages.evaluate_pose import (
     image_conditions,
-    require_known_robot,
+    require_robot_of_images,
     require_split,
     unseen_images,
 )
@@ -101,7 +101,7 @@ def evaluate_fusion(settings: FusionEvaluation) -> Path:
     kept_metrics(disk)
     setup = _setup(settings)
     setup.source.estimator(floor=True)
-    require_known_robot(cases.images, setup.source, settings.dataset)
+    require_robot_of_images(cases.images, setup.source, settings.dataset)
     setup.refiners()
     if settings.unseen:
         cases = _unseen(cases, setup, settings)

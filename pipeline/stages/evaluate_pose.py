@@ -21,7 +21,7 @@ from pipeline.evaluation.statistics import bootstrap_mean, resample_weights
 from pipeline.seeds import stream
 from pipeline.stages.estimators import ROOT, plans_trained_on, trained_on
 from pipeline.stages.measured_poses import PoseVariant, measured_poses
-from pipeline.stages.pose_source import PoseSource, PoseWeights
+from pipeline.stages.pose_source import PoseSource, PoseWeights, require_known_robot
 from pipeline.stages.provenance import commit, hardware, versions
 from pipeline.stages.recorded_figures import FiguresFolder
 from pipeline.stages.report_folder import PAGE, keep_evaluation, kept_metrics
@@ -92,7 +92,7 @@ def evaluate_pose(settings: PoseEvaluation) -> Path:
     floors = (True, False) if settings.floor is None else (settings.floor,)
     variants = [PoseVariant(source=source, floor=floor) for floor in floors]
     variants[0].source.estimator(floor=variants[0].floor)
-    require_known_robot(images, source, settings.dataset)
+    require_robot_of_images(images, source, settings.dataset)
     if settings.unseen:
         images = unseen_images(images, [source.record()], settings.console)
     conditions = image_conditions(
@@ -147,20 +147,22 @@ def require_split(split: str) -> None:
         raise ConfigError(f"--split is {split!r}; must be one of {', '.join(SPLIT_NAMES)}")
 
 
-def require_known_robot(images: Sequence[SeenImage], source: PoseSource, dataset: str) -> None:
+def require_robot_of_images(images: Sequence[SeenImage], source: PoseSource, dataset: str) -> None:
     """See that images show the robot whose pose the weights read.
 
     Raises:
-        ConfigError: they show another one, of other sides.
+        ConfigError: they show another one.
     """
-    known = source.record()["robot"]
+    record = source.record()
     for image in images:
-        if not np.allclose(image.cuboid_size_m, known["size_m"]):
-            shown, its = (" x ".join(f"{m:g}" for m in s) for s in (image.cuboid_size_m, known["size_m"]))
-            raise ConfigError(
-                f"{dataset}: shows a robot whose cuboid is {shown} m, in {image.truth.image_id}; the weights "
-                f"know one of {its} m: `rendezvous train-pose` on these images, or other --weights"
-            )
+        require_known_robot(
+            record,
+            image.cuboid_size_m,
+            image.T_r1_o,
+            weights="the weights",
+            whose=f"{dataset}, in {image.truth.image_id},",
+            instead="other --weights",
+        )
 
 
 def unseen_images(

@@ -35,7 +35,7 @@ from pipeline.stages.fuse_inputs import (
     read_map,
     read_photograph,
 )
-from pipeline.stages.pose_source import PoseWeights
+from pipeline.stages.pose_source import PoseWeights, require_known_robot
 
 MOST_SIGMA = 1000.0
 """Whoever knows a pose no better than this [m, m, rad] does not know it."""
@@ -159,8 +159,10 @@ def fused(request: FuseRequest) -> Fused:
         T_r0_c = mounting(request.camera_pose, request.robot)
     meeting = Meeting(grid_0=grid_0, grid_1=grid_1, T_m0_r0=request.T_m0_r0, T_m1_r1=request.T_m1_r1)
     with clock.part("load"):
-        refiner, weights = _refiner(request.refine), _weights(request)
-        estimator = _pose_estimator(request, robot) if photographs else None
+        matcher = _matcher(request.refine)
+        refiner = _refiner(request.refine, matcher)
+        pose_weights = PoseWeights.found(None) if photographs and request.pose_estimator is None else None
+        estimator = _pose_estimator(request, robot, pose_weights) if photographs else None
     poses = tuple[RelativePose, ...]()
     if camera is not None and estimator is not None:
         with clock.part("see"):
@@ -175,7 +177,7 @@ def fused(request: FuseRequest) -> Fused:
         poses=poses,
         camera=camera.camera if camera else None,
         cuboid_size_m=robot.cuboid.size_m,
-        weights=weights,
+        weights=_used(matcher, pose_weights),
         seconds=clock.seconds,
         warnings=tuple(str(w.message) for w in caught),
     )
@@ -205,54 +207,47 @@ def _covariance(sigma: tuple[float, float, float] | None) -> Array | None:
     return None if sigma is None else np.diag(np.square(sigma))
 
 
-def _pose_estimator(request: FuseRequest, robot: RobotSpec) -> ImagePoseEstimator:
+def _pose_estimator(
+    request: FuseRequest, robot: RobotSpec, weights: PoseWeights | None
+) -> ImagePoseEstimator:
     """The one that is given, or the trained one, which knows one robot and no other."""
-    if request.pose_estimator is not None:
+    if weights is None:
+        assert request.pose_estimator is not None
         return request.pose_estimator
-    weights = PoseWeights.found(None)
-    estimator = weights.estimator(floor=True)
-    known = weights.record()["robot"]
-    T_r1_o = np.reshape(known["T_r1_o"], (4, 4))
-    given = robot.cuboid.size_m, robot.cuboid.T_r_o()
-    if not (np.allclose(known["size_m"], given[0]) and np.allclose(T_r1_o, given[1])):
-        raise ConfigError(
-            f"{weights.path}: knows the robot {known['name']!r}, whose cuboid is "
-            f"{_cuboid(known['size_m'], T_r1_o)}; that of {request.robot!r} is {_cuboid(*given)}: "
-            "`rendezvous train-pose` on images of that robot, or give the relative pose"
-        )
-    return estimator
+    require_known_robot(
+        weights.record(),
+        robot.cuboid.size_m,
+        robot.cuboid.T_r_o(),
+        weights=str(weights.path),
+        whose=repr(request.robot),
+        instead="give the relative pose",
+    )
+    return weights.estimator(floor=True)
 
 
-def _cuboid(size_m: Sequence[float], T_r_o: Array) -> str:
-    sides, centre = (sep.join(f"{m:g}" for m in of) for sep, of in ((" x ", size_m), (", ", T_r_o[:3, 3])))
-    return f"{sides} m around ({centre}) m"
-
-
-def _refiner(refine: Refinement) -> Refiner | None:
-    if refine is Refinement.NONE:
-        return None
-    if refine is Refinement.CORRELATIVE:
-        return correlative_refiner
+def _refiner(refine: Refinement, matcher: Method | None) -> Refiner | None:
+    if matcher is None:
+        return None if refine is Refinement.NONE else correlative_refiner
     try:
-        matcher: Any = trained(_matcher(), threads=1).estimator
+        estimator: Any = trained(matcher, threads=1).estimator
     except SetupError as error:
         raise SetupError(f"{error}; to refine by correlative search, or not at all, does without") from error
-    return matcher_refiner(matcher, with_prior=refine is Refinement.AUTO)
+    return matcher_refiner(estimator, with_prior=refine is Refinement.AUTO)
 
 
-def _matcher() -> Method:
-    """The matcher and its weights; its own search is not used: the refiner sets it."""
+def _matcher(refine: Refinement) -> Method | None:
+    """The matcher and its weights, if it is used; its own search is not: the refiner sets it."""
+    if not refine.needs_matcher:
+        return None
     (method,) = chosen_methods(("matcher",), {}, xy_range_m=2.0, yaw_range_rad=math.pi / 4)
     return method
 
 
-def _weights(request: FuseRequest) -> dict[str, tuple[str, str]]:
-    """Those of `runs/`, or else the shipped ones."""
+def _used(matcher: Method | None, pose_weights: PoseWeights | None) -> dict[str, tuple[str, str]]:
+    """File and SHA-256 of the networks' weights: those of `runs/`, or else the shipped ones."""
     used = {}
-    if request.images and request.pose_estimator is None:
-        pose = PoseWeights.found(None)
-        used["relative_pose"] = str(pose.path), pose.digest
-    if request.refine.needs_matcher:
-        matcher = _matcher()
+    if pose_weights is not None:
+        used["relative_pose"] = str(pose_weights.path), pose_weights.digest
+    if matcher is not None:
         used["matcher"] = str(matcher.weights), matcher.weights_digest()
     return used

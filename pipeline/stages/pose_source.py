@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any, Protocol
 
-from pipeline.errors import SetupError, StoreError
+import numpy as np
+
+from pipeline.errors import ConfigError, SetupError, StoreError
+from pipeline.geometry.se2 import Array
 from pipeline.pose_estimation.relative_pose import ImagePoseEstimator
 from pipeline.store.disk import Disk
 
@@ -77,6 +81,41 @@ class PoseWeights:
         from pipeline.training.checkpoint import read_checkpoint
 
         return dict(read_checkpoint(_bytes(self.path), where=str(self.path)).record)
+
+
+def require_known_robot(
+    record: Mapping[str, Any],
+    size_m: Sequence[float],
+    T_r1_o: Array,
+    *,
+    weights: str,
+    whose: str,
+    instead: str,
+) -> None:
+    """See that weights read the pose of this robot: they know one, by its cuboid.
+
+    Args:
+        record: what the weights tell of their training.
+        size_m: sides of the robot's cuboid.
+        T_r1_o: (4, 4) its pose on the robot.
+        weights, whose, instead: for the message: where the weights are, whose cuboid it is, what else would
+            be right.
+
+    Raises:
+        ConfigError: they know another one.
+    """
+    known = record["robot"]
+    its = known["size_m"], np.reshape(known["T_r1_o"], (4, 4))
+    if not (np.allclose(its[0], size_m) and np.allclose(its[1], T_r1_o)):
+        raise ConfigError(
+            f"{weights}: knows the robot {known['name']!r}, whose cuboid is {_cuboid(*its)}; that of {whose} "
+            f"is {_cuboid(size_m, T_r1_o)}: `rendezvous train-pose` on images of that robot, or {instead}"
+        )
+
+
+def _cuboid(size_m: Sequence[float], T_r1_o: Array) -> str:
+    sides, centre = (sep.join(f"{m:g}" for m in of) for sep, of in ((" x ", size_m), (", ", T_r1_o[:3, 3])))
+    return f"{sides} m around ({centre}) m"
 
 
 @cache

@@ -30,10 +30,10 @@ are left out: no robot takes them, so there is neither a camera's height nor a r
 _TABLES = {PLAUSIBLE: (POSES, "pose_id"), SIGHTING: (PAIRS, "pair_id")}
 _SEEN = (
     *("plan_id", "plan_digest", "visibility", "image", "image_width_px", "image_height_px"),
-    *("K", "T_r0_c", "T_c_o", "cuboid_size_m", "box_px"),
+    *("K", "T_r0_c", "T_c_o", "cuboid_size_m", "T_r1_o", "box_px"),
 )
 _NEEDED = {
-    PLAUSIBLE: ("pose_id", "mode", "T_r0_c_true", "T_r1_o", *_SEEN),
+    PLAUSIBLE: ("pose_id", "mode", "T_r0_c_true", *_SEEN),
     SIGHTING: ("pair_id", "T_r0_r1_true", *_SEEN),
 }
 
@@ -48,6 +48,7 @@ class SeenImage:
         camera: that took it.
         T_r0_c: (4, 4) pose of the camera on robot 0, as its file has it.
         cuboid_size_m: sides of robot 1's cuboid.
+        T_r1_o: (4, 4) its pose on robot 1.
         box_px: (4,) around its visible pixels; None where there are none.
         plan_digest: of the floor plan.
         T_c_o: (4, 4) the true pose of robot 1's cuboid in the camera; None where robot 1 is absent.
@@ -58,6 +59,7 @@ class SeenImage:
     camera: PinholeCamera
     T_r0_c: Array
     cuboid_size_m: tuple[float, float, float]
+    T_r1_o: Array
     box_px: Array | None
     plan_digest: str
     T_c_o: Array | None = None
@@ -160,6 +162,7 @@ def _seen(row: dict[str, Any], kind: str, image_id: str) -> SeenImage:
         camera=PinholeCamera.of_matrix(row["K"], row["image_width_px"], row["image_height_px"]),
         T_r0_c=row["T_r0_c"],
         cuboid_size_m=(*(float(side) for side in row["cuboid_size_m"]),),  # type: ignore[arg-type]
+        T_r1_o=row["T_r1_o"],
         box_px=row["box_px"],
         plan_digest=row["plan_digest"],
         T_c_o=T_c_o,

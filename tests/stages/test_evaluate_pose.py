@@ -26,6 +26,9 @@ from tests.stages.toy_evaluation import toy_dataset
 from tests.stages.toy_sources import ToySource
 from tests.synthetic_dataset import POSE_ROWS, explored, rendered, synthetic_run
 
+SIDEWAYS = np.eye(4)
+SIDEWAYS[1, 3] = 0.05
+
 
 @pytest.fixture(scope="module")
 def data(tmp_path_factory) -> Path:
@@ -204,12 +207,20 @@ def test_what_is_wrong_is_told_in_one_line(data, tmp_path, settings, told):
         _evaluated(data, tmp_path, None, **settings)
 
 
-def test_images_of_a_robot_that_the_weights_do_not_know_are_told(data, images, tmp_path):
-    source = ToySource.of(images, size_m=(0.138, 0.178, 0.192))
+@pytest.mark.parametrize(
+    ("known", "cuboid"),
+    [
+        ({"size_m": (0.138, 0.178, 0.192)}, "0.138 x 0.178 x 0.192 m around (0, 0, 0) m"),
+        ({"T_r1_o": SIDEWAYS}, "0.3 x 0.2 x 0.1 m around (0, 0.05, 0) m"),
+    ],
+)
+def test_images_of_a_robot_that_the_weights_do_not_know_are_told(data, images, tmp_path, known, cuboid):
     with pytest.raises(ConfigError) as caught:
-        _evaluated(data, tmp_path, source)
-    assert "dataset: shows a robot whose cuboid is 0.3 x 0.2 x 0.1 m, in plan-" in str(caught.value)
-    assert "the weights know one of 0.138 x 0.178 x 0.192 m: `rendezvous train-pose`" in str(caught.value)
+        _evaluated(data, tmp_path, ToySource.of(images, **known))
+    told = str(caught.value)
+    assert f"the weights: knows the robot 'toy', whose cuboid is {cuboid}; that of " in told
+    assert "dataset, in plan-" in told
+    assert ", is 0.3 x 0.2 x 0.1 m around (0, 0, 0) m: `rendezvous train-pose` on images of" in told
 
 
 @pytest.mark.parametrize("kind", [PLAUSIBLE, SIGHTING])

@@ -14,9 +14,11 @@ from typer.testing import CliRunner
 
 from pipeline.alignment.frame_error import frame_error
 from pipeline.cli import app
+from pipeline.cli_fuse import _MERGINGS, _REFINEMENTS
 from pipeline.errors import CameraError, ConfigError, MapError, PipelineError, SightingError
 from pipeline.fuse import fuse
-from pipeline.fusion.merge import probabilistically_merged
+from pipeline.fusion.merge import Merging, probabilistically_merged
+from pipeline.fusion.refinement import Refinement
 from pipeline.geometry.camera import camera_pose
 from pipeline.geometry.cuboid import project_cuboid
 from pipeline.geometry.occupancy_grid import UNKNOWN, OccupancyGrid
@@ -365,6 +367,12 @@ def test_a_wrong_command_is_one_line_and_exit_2(given: Path, more: list[str], sa
     assert shown.exit_code == 2
     assert shown.stderr.count("\n") == 1
     assert said in shown.stderr
+
+
+def test_the_command_knows_every_choice():
+    """It names them itself, so that a wrong one is told before anything heavy is imported."""
+    assert tuple(Refinement) == _REFINEMENTS
+    assert tuple(Merging) == _MERGINGS
 
 
 def test_a_heavy_package_that_it_needs_only_a_little_of_is_left_out():

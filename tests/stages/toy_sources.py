@@ -30,7 +30,7 @@ class ToySource:
         finds: whether it finds any robot.
         makes_up: a pose for images without a robot.
         plans: digests of floor plans that it was trained on.
-        size_m: sides of the cuboid of the robot that it knows.
+        size_m, T_r1_o: sides of the cuboid of the robot that it knows, and its pose on it.
         sigma: standard deviations that it tells.
     """
 
@@ -40,6 +40,7 @@ class ToySource:
     makes_up: SE2 | None = None
     plans: tuple[str, ...] = ()
     size_m: tuple[float, float, float] = (0.3, 0.2, 0.1)
+    T_r1_o: Array = field(default_factory=lambda: np.eye(4), compare=False)
     sigma: float = 0.05
     digest: str = "toy"
 
@@ -62,4 +63,5 @@ class ToySource:
         return estimate
 
     def record(self) -> dict[str, Any]:
-        return {"data": {"plan_digests": list(self.plans)}, "robot": {"size_m": list(self.size_m)}}
+        robot = {"name": "toy", "size_m": list(self.size_m), "T_r1_o": self.T_r1_o}
+        return {"data": {"plan_digests": list(self.plans)}, "robot": robot}
