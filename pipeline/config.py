@@ -4,21 +4,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pipeline.config_sections import (
-    ExploreSection,
-    FloorplansSection,
-    MeshesSection,
-    PackSection,
-    Parameters,
-    RenderSection,
-    StageSection,
-    TrainPoseSection,
-    TrainSection,
-)
+from pipeline.config_sections import Parameters, StageSection
 from pipeline.errors import ConfigError
 from pipeline.strict_section import Section, validated_section
 from pipeline.strict_yaml import load_file, load_value
@@ -41,25 +30,14 @@ class _StagesFile(Section):
     presets: dict[str, dict[str, dict[str, Any] | None] | None]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Config:
-    """All that decides what the pipeline makes.
+class Config(Parameters):
+    """All that decides what the pipeline makes: the parameters, and how the stages hang together.
 
     Attributes:
-        seed: the root of every random stream.
         stages: what each stage reads and writes, in flow order.
-        floorplans, meshes, explore, render, pack, train, train_pose: the stages' parameters.
     """
 
-    seed: int
-    stages: Mapping[str, StageLinks]
-    floorplans: FloorplansSection
-    meshes: MeshesSection
-    explore: ExploreSection
-    render: RenderSection
-    pack: PackSection
-    train: TrainSection
-    train_pose: TrainPoseSection
+    stages: dict[str, StageLinks]
 
 
 def load_config(
