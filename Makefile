@@ -55,7 +55,7 @@ golden: $(READY)  ## take on a wanted change: write tests/golden.json anew
 	$(VENV)/bin/python -m tests.golden
 
 docs: $(READY)  ## write the generated tables of README.md anew
-	$(VENV)/bin/python -m pipeline.documentation
+	$(VENV)/bin/python -m rendezvous.documentation
 
 clean:  ## remove .venv and caches; data stays
 	rm -rf $(VENV) build *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache

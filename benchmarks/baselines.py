@@ -11,25 +11,25 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from rendezvous.alignment.estimate import FrameErrorEstimator
+from rendezvous.alignment.frame_error import perturbed
+from rendezvous.alignment.window import DEFAULT_SEARCH, OCCUPIED_CELL, MapWindow, SearchRange, map_window
+from rendezvous.baselines.branch_and_bound import best_cell, block_bounds
+from rendezvous.baselines.correlation import Correlation
+from rendezvous.baselines.correlative import CorrelativeSearch
+from rendezvous.baselines.hough import HoughSpectrum
+from rendezvous.baselines.identity import Identity
+from rendezvous.baselines.orb import OrbRansac
+from rendezvous.errors import FloorplanError
+from rendezvous.geometry.occupancy_grid import grid_from_png
+from rendezvous.geometry.se2 import SE2
+from rendezvous.robot_file import load_robot
+from rendezvous.seeds import stream
+from rendezvous.stages import explore as stage
+from rendezvous.stages.dataset.sightings import sighting_rows
 from scipy.fft import irfft2, next_fast_len, rfft2
 
 from benchmarks.scene import default_config, shipped_plans, walls_of
-from pipeline.alignment.estimate import FrameErrorEstimator
-from pipeline.alignment.frame_error import perturbed
-from pipeline.alignment.window import DEFAULT_SEARCH, OCCUPIED_CELL, MapWindow, SearchRange, map_window
-from pipeline.baselines.branch_and_bound import best_cell, block_bounds
-from pipeline.baselines.correlation import Correlation
-from pipeline.baselines.correlative import CorrelativeSearch
-from pipeline.baselines.hough import HoughSpectrum
-from pipeline.baselines.identity import Identity
-from pipeline.baselines.orb import OrbRansac
-from pipeline.errors import FloorplanError
-from pipeline.geometry.occupancy_grid import grid_from_png
-from pipeline.geometry.se2 import SE2
-from pipeline.robot_file import load_robot
-from pipeline.seeds import stream
-from pipeline.stages import explore as stage
-from pipeline.stages.sightings import sighting_rows
 
 PAIRS = 6
 REPEATS = 3

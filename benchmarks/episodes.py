@@ -8,16 +8,17 @@ import sys
 import time
 from typing import Any
 
+from rendezvous.errors import FloorplanError
+from rendezvous.exploration import episode as episode_room
+from rendezvous.exploration.explorer import Explorer
+from rendezvous.robot_file import load_robot
+from rendezvous.simulation.drive import Physics
+from rendezvous.slam.slam import Slam
+from rendezvous.stages import explore as stage
+from rendezvous.stages.dataset.sightings import sighting_rows
+
 from benchmarks.clocks import Clocks
 from benchmarks.scene import default_config, shipped_plans, walls_of
-from pipeline.errors import FloorplanError
-from pipeline.exploration import episode as episode_room
-from pipeline.exploration.explorer import Explorer
-from pipeline.robot_file import load_robot
-from pipeline.simulation.drive import Physics
-from pipeline.slam.slam import Slam
-from pipeline.stages import explore as stage
-from pipeline.stages.sightings import sighting_rows
 
 
 def measure(options: argparse.Namespace) -> dict[str, Any]:
@@ -70,7 +71,7 @@ def _rows(scene: Any, episode: Any, episode_id: str) -> list[dict[str, Any]]:
 def _with_drive(parameters: Any, drive: str) -> Any:
     from dataclasses import replace
 
-    from pipeline.simulation.world import Drive
+    from rendezvous.simulation.world import Drive
 
     return replace(parameters, drive=Drive(drive))
 

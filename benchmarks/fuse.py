@@ -20,25 +20,25 @@ import cv2
 import numpy as np
 import pyarrow.parquet as pq
 import torch
+from rendezvous.commands.export.sighting import export_sighting
+from rendezvous.commands.fuse.fuse import FuseRequest, _matcher, _refiner, fused
+from rendezvous.commands.fuse.inputs import mounting, read_camera, read_map, read_photograph
+from rendezvous.commands.fuse.outputs import write_fused
+from rendezvous.errors import StoreError
+from rendezvous.evaluation.pictures.canvas import encoded_png
+from rendezvous.evaluation.pictures.fusion import fusion_picture
+from rendezvous.fusion.meeting import Meeting
+from rendezvous.fusion.refinement import Refinement, Refiner
+from rendezvous.fusion.sighted_pose import SightedPose
+from rendezvous.fusion.system import fuse_maps
+from rendezvous.geometry.se2 import SE2
+from rendezvous.interop.ros_map import write_ros_map
+from rendezvous.pose_estimation.relative_pose import ImagePoseEstimator
+from rendezvous.schema import PAIRS
+from rendezvous.stages.weights.pose_source import PoseWeights
 
 from benchmarks.scene import ROOT
 from benchmarks.training import synthetic_pairs
-from pipeline.errors import StoreError
-from pipeline.evaluation.canvas import encoded_png
-from pipeline.evaluation.fusion_figures import fusion_picture
-from pipeline.fusion.meeting import Meeting
-from pipeline.fusion.refinement import Refinement, Refiner
-from pipeline.fusion.sighted_pose import SightedPose
-from pipeline.fusion.system import fuse_maps
-from pipeline.geometry.se2 import SE2
-from pipeline.interop.ros_map import write_ros_map
-from pipeline.pose_estimation.relative_pose import ImagePoseEstimator
-from pipeline.schema import PAIRS
-from pipeline.stages.export_sighting import export_sighting
-from pipeline.stages.fuse import FuseRequest, _matcher, _refiner, fused
-from pipeline.stages.fuse_inputs import mounting, read_camera, read_map, read_photograph
-from pipeline.stages.fuse_outputs import write_fused
-from pipeline.stages.pose_source import PoseWeights
 
 TARGET_S, TARGET_START_S = 1.0, 3.0
 SIGHTINGS = 5
@@ -50,7 +50,9 @@ SIGMA = (0.10, 0.05, math.radians(8.0))
 DEFAULT = ("read maps", "read image", "see", "refine auto", "merge", "check", "draw and write")
 """What `rendezvous fuse` does by default."""
 
-_IMPORTS = "import pipeline.cli, pipeline.stages.fuse as fuse, pipeline.stages.fuse_outputs"
+_IMPORTS = (
+    "import rendezvous.cli.__main__, rendezvous.commands.fuse.fuse as fuse, rendezvous.commands.fuse.outputs"
+)
 _MATCHER = f"{_IMPORTS}; auto = fuse.Refinement.AUTO; fuse._refiner(auto, fuse._matcher(auto))"
 _START = {
     "without a network": _IMPORTS,

@@ -11,17 +11,17 @@ from typing import Any
 
 import mujoco
 import numpy as np
+from rendezvous.floorplan.furnish import furnish
+from rendezvous.floorplan.validate import start_regions
+from rendezvous.floorplan.walls import lidar_outline
+from rendezvous.geometry.se2 import SE2, Array
+from rendezvous.robot_file import load_robot
+from rendezvous.seeds import stream
+from rendezvous.simulation.lidar import beam_bearings
+from rendezvous.simulation.rays import cast_rays, ray_scene
+from rendezvous.simulation.world import scene_mjcf
 
 from benchmarks.scene import default_config, shipped_plans, walls_of
-from pipeline.floorplan.furnish import furnish
-from pipeline.floorplan.validate import start_regions
-from pipeline.floorplan.walls import lidar_outline
-from pipeline.geometry.se2 import SE2, Array
-from pipeline.robot_file import load_robot
-from pipeline.seeds import stream
-from pipeline.simulation.lidar import beam_bearings
-from pipeline.simulation.rays import cast_rays, ray_scene
-from pipeline.simulation.world import scene_mjcf
 
 REPEATS = 15
 

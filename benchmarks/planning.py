@@ -8,10 +8,9 @@ import time
 from typing import Any
 
 import numpy as np
+from rendezvous.exploration.frontier import planning_map, reach
+from rendezvous.geometry.se2 import SE2
 from skimage.graph import MCP_Geometric
-
-from pipeline.exploration.frontier import planning_map, reach
-from pipeline.geometry.se2 import SE2
 
 REPEATS = 15
 

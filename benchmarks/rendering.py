@@ -11,16 +11,17 @@ import time
 from itertools import islice
 from typing import Any
 
+from rendezvous.errors import FloorplanError
+from rendezvous.rendering.opengl.gl import renderer_name
+from rendezvous.rendering.opengl.renderer import Renderer
+from rendezvous.rendering.scene import Scene
+from rendezvous.seeds import stream
+from rendezvous.stages.dataset import pictures
+from rendezvous.stages.dataset.photos import photo_folder
+from rendezvous.store.read import StageReader
+
 from benchmarks.clocks import Clocks
 from benchmarks.scene import ROOT, default_config, shipped_plans
-from pipeline.errors import FloorplanError
-from pipeline.rendering.gl import renderer_name
-from pipeline.rendering.renderer import Renderer
-from pipeline.rendering.scene import Scene
-from pipeline.seeds import stream
-from pipeline.stages import pictures
-from pipeline.stages.photos import photo_folder
-from pipeline.store.read import StageReader
 
 _WARM_UP = 8
 _ONE_OF_TWO = """
@@ -128,7 +129,7 @@ _PARTS = (
     (pictures, "_drawn_pose", "drawing at random"),
     (Renderer, "render", "image and ids"),
     (Renderer, "robot_view", "visibility"),
-    (sys.modules["pipeline.rendering.studio"], "apply_effects", "camera effects"),
+    (sys.modules["rendezvous.rendering.studio"], "apply_effects", "camera effects"),
     (pictures, "_encoded", "encoding"),
 )
 
@@ -177,7 +178,7 @@ def _sightings() -> dict[str, Any]:
 
 
 def _run(arguments: list[str]) -> None:
-    command = [sys.executable, "-m", "pipeline.cli", *arguments]
+    command = [sys.executable, "-m", "rendezvous.cli", *arguments]
     subprocess.run(command, cwd=ROOT, check=True, stderr=subprocess.DEVNULL)
 
 

@@ -40,5 +40,5 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def _stage(stage: str, data: str, workers: int) -> None:
-    command = [sys.executable, "-m", "pipeline.cli", stage, "--data", data, "--workers", str(workers)]
+    command = [sys.executable, "-m", "rendezvous.cli", stage, "--data", data, "--workers", str(workers)]
     subprocess.run([*command, *_SETTINGS], cwd=ROOT, check=True, stderr=subprocess.DEVNULL)

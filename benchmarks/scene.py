@@ -6,11 +6,11 @@ import json
 from functools import cache
 from pathlib import Path
 
-from pipeline.config import Config, load_config
-from pipeline.floorplan.houseexpo import parse_floorplan
-from pipeline.floorplan.records import Floorplan, Solid
-from pipeline.floorplan.validate import validated
-from pipeline.floorplan.walls import wall_boxes
+from rendezvous.config.load import Config, load_config
+from rendezvous.floorplan.houseexpo import parse_floorplan
+from rendezvous.floorplan.records import Floorplan, Solid
+from rendezvous.floorplan.validate import validated
+from rendezvous.floorplan.walls import wall_boxes
 
 ROOT = Path(__file__).parents[1]
 

@@ -25,7 +25,7 @@ _run(0, 1, drive="wheels")
 def measure(options: argparse.Namespace) -> dict[str, Any]:
     """Median seconds of three tries after one that fills the cache."""
     commands = {
-        "help_s": ["-m", "pipeline.cli", "--help"],
+        "help_s": ["-m", "rendezvous.cli", "--help"],
         "first_simulated_second_s": ["-c", _FIRST_SECOND],
     }
     return {name: round(_median_s([sys.executable, *command]), 2) for name, command in commands.items()}

@@ -10,9 +10,9 @@ import statistics
 import time
 from typing import Any
 
-from pipeline.rendering.gl import check_libraries
-from pipeline.rendering.scene import LightKind, Scene
-from pipeline.stages.pictures import Setting
+from rendezvous.rendering.opengl.gl import check_libraries
+from rendezvous.rendering.scene import LightKind, Scene
+from rendezvous.stages.dataset.pictures import Setting
 
 
 def seconds_per_image(setting: Setting, scenes: list[Scene]) -> float:
@@ -39,11 +39,11 @@ class _Pool:
     """Meshes that are kept, one for each name of an instance."""
 
     def __init__(self, setting: Setting) -> None:
-        from pipeline.rendering.plan_scene import plan_meshes
-        from pipeline.rendering.randomise import robot_looks
-        from pipeline.rendering.robot_model import robot_parts
-        from pipeline.rendering.thing_meshes import thing_meshes
-        from pipeline.robot_file import load_robot, load_robot_model
+        from rendezvous.rendering.plan_scene import plan_meshes
+        from rendezvous.rendering.randomise import robot_looks
+        from rendezvous.rendering.robot_model import robot_parts
+        from rendezvous.rendering.thing_meshes import thing_meshes
+        from rendezvous.robot_file import load_robot, load_robot_model
 
         parts = robot_parts(load_robot_model(setting.robot), source=setting.robot)
         _, robot_meshes = robot_looks(load_robot(setting.robot), parts)

@@ -13,17 +13,16 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import torch
-
-from pipeline.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
-from pipeline.geometry.se2 import SE2
-from pipeline.schema import IMAGE_TYPE, SE2_TYPE
-from pipeline.training.batches import training_loader
-from pipeline.training.data import Batch, TrainingBatches
-from pipeline.training.loop import Step, TrainingState, fit
-from pipeline.training.pairs import PairTable
-from pipeline.training.parameters import Budget, Optimisation, Sampling
-from pipeline.training.processes import Processes
-from pipeline.training.registry import DEFAULT_MODEL, build_model
+from rendezvous.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
+from rendezvous.geometry.se2 import SE2
+from rendezvous.schema import IMAGE_TYPE, SE2_TYPE
+from rendezvous.training.batches import training_loader
+from rendezvous.training.frame_error.data import Batch, TrainingBatches
+from rendezvous.training.frame_error.pairs import PairTable
+from rendezvous.training.frame_error.registry import DEFAULT_MODEL, build_model
+from rendezvous.training.loop import Step, TrainingState, fit
+from rendezvous.training.parameters import Budget, Optimisation, Sampling
+from rendezvous.training.processes import Processes
 
 STEPS, WARM_UP_STEPS, PAIRS = 16, 2, 64
 

@@ -9,11 +9,10 @@ from pathlib import Path
 
 import pytest
 from hypothesis import settings
+from rendezvous.config.load import load_config
+from rendezvous.engine.pool import Engine
+from rendezvous.engine.run import Run
 from rich.console import Console
-
-from pipeline.config import load_config
-from pipeline.engine import Run
-from pipeline.pool import Engine
 
 ROOT = Path(__file__).parent.parent
 

@@ -21,17 +21,16 @@ from typing import Any
 import mujoco
 import numba as nb
 import numpy as np
+from rendezvous.config.load import load_config
+from rendezvous.engine.pool import Engine
+from rendezvous.engine.run import Run
+from rendezvous.stages.explore import explore
+from rendezvous.stages.floorplans import floorplans
+from rendezvous.stages.meshes import meshes
+from rendezvous.stages.pack import pack
+from rendezvous.stages.render import render
+from rendezvous.store.read import StageReader
 from rich.console import Console
-
-from pipeline.config import load_config
-from pipeline.engine import Run
-from pipeline.pool import Engine
-from pipeline.stages.explore import explore
-from pipeline.stages.floorplans import floorplans
-from pipeline.stages.meshes import meshes
-from pipeline.stages.pack import pack
-from pipeline.stages.render import render
-from pipeline.store.read import StageReader
 
 GOLDEN = Path(__file__).with_name("golden.json")
 STAGES_YAML = Path(__file__).parents[1] / "stages.yaml"

@@ -10,13 +10,12 @@ from typing import Any
 
 import cv2
 import numpy as np
-
-from pipeline.evaluation.metrics import pose_error
-from pipeline.geometry.camera import PinholeCamera, camera_pose, se3_from_se2
-from pipeline.geometry.cuboid import project_cuboid
-from pipeline.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, overlap
-from pipeline.geometry.se2 import SE2, Array
-from pipeline.geometry.wall_agreement import wall_agreement
+from rendezvous.evaluation.metrics import pose_error
+from rendezvous.geometry.camera import PinholeCamera, camera_pose, se3_from_se2
+from rendezvous.geometry.cuboid import project_cuboid
+from rendezvous.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, overlap
+from rendezvous.geometry.se2 import SE2, Array
+from rendezvous.geometry.wall_agreement import wall_agreement
 
 RESOLUTION_M = 0.05
 FINE_M = 0.02

@@ -11,16 +11,16 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
+from rendezvous.config.load import load_config
+from rendezvous.engine.pool import Engine
+from rendezvous.engine.run import Run, Task, part_name
+from rendezvous.schema import EXPLORE, POSES, VIEWS
+from rendezvous.stages.pack import LAYOUT
+from rendezvous.stages.render import LAYOUT as RENDER_LAYOUT
+from rendezvous.store.read import chunks
+from rendezvous.store.records import Inputs, Quarantined, Shard
 from rich.console import Console
 
-from pipeline.config import load_config
-from pipeline.engine import Run, Task, part_name
-from pipeline.pool import Engine
-from pipeline.schema import EXPLORE, POSES, VIEWS
-from pipeline.stages.pack import LAYOUT
-from pipeline.stages.render import LAYOUT as RENDER_LAYOUT
-from pipeline.store.read import chunks
-from pipeline.store.records import Inputs, Quarantined, Shard
 from tests.synthetic import synthetic_pose, synthetic_row, synthetic_view
 
 STAGES_YAML = Path(__file__).parents[1] / "stages.yaml"

@@ -11,13 +11,14 @@ import pytest
 
 pytest.importorskip("torch")
 
+from rendezvous.fusion.refinement import Refinement, correlative_refiner
+from rendezvous.interop.camera_info import write_camera_info
+from rendezvous.training.frame_error.data import TrainingBatches
+from rendezvous.training.parameters import Sampling
+
 from benchmarks.fuse import _Costs, _fuse, _medians_ms, _synthetic
 from benchmarks.training import synthetic_pairs
-from pipeline.fusion.refinement import Refinement, correlative_refiner
-from pipeline.interop.camera_info import write_camera_info
-from pipeline.training.data import TrainingBatches
-from pipeline.training.parameters import Sampling
-from tests.stages.test_fuse import Seeing
+from tests.commands.fuse.test_fuse import Seeing
 from tests.synthetic import CAMERA
 
 

@@ -8,16 +8,17 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from rendezvous.commands.export.sighting import export_sighting
+from rendezvous.config.sections import TrainSection
+from rendezvous.documentation import documented
+from rendezvous.geometry.se2 import SE2
+from rendezvous.resources import ROOT
+from rendezvous.robot_file import load_robot
+from rendezvous.schema import PAIRS, POSES
+from rendezvous.stages.pack import pack
+from rendezvous.stages.weights.pose_source import PoseWeights
 
-from pipeline.config_sections import TrainSection
-from pipeline.documentation import ROOT, documented
-from pipeline.geometry.se2 import SE2
-from pipeline.robot_file import load_robot
-from pipeline.schema import PAIRS, POSES
-from pipeline.stages.export_sighting import export_sighting
-from pipeline.stages.pack import pack
-from pipeline.stages.pose_source import PoseWeights
-from tests.stages.test_fuse import Seeing
+from tests.commands.fuse.test_fuse import Seeing
 from tests.synthetic_dataset import explored, synthetic_run
 
 README = (ROOT / "README.md").read_text()
@@ -25,7 +26,7 @@ FUSE_EXAMPLE, *EXAMPLES = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
 
 
 def test_the_readme_says_what_the_code_says():
-    assert documented(README) == README, "run `python -m pipeline.documentation`"
+    assert documented(README) == README, "run `python -m rendezvous.documentation`"
     assert all(f"| `{column.name}` |" in README for column in (*PAIRS.columns, *POSES.columns))
 
 
@@ -42,11 +43,11 @@ def test_every_file_that_the_readme_links_to_exists():
 
 def test_contributors_find_parameters_where_they_are_told():
     told = (ROOT / "CONTRIBUTING.md").read_text()
-    (named,) = re.findall(r"section in `(pipeline/\w+\.py)`", told)
-    assert named == f"{TrainSection.__module__.replace('.', '/')}.py"
+    (named,) = re.findall(r"section in `(pipeline/rendezvous/[\w/]+\.py)`", told)
+    assert named == f"pipeline/{TrainSection.__module__.replace('.', '/')}.py"
     rooms = re.findall(r"`(\w+)`", re.findall(r"\*\*Rooms\*\* \((.*?)\)", told)[0])
     layers = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"][0]
-    packages = {path.parent.name for path in (ROOT / "pipeline").glob("*/__init__.py")}
+    packages = {path.parent.name for path in (ROOT / "pipeline" / "rendezvous").glob("*/__init__.py")}
     below_stages = {name for line in layers["layers"][4:] for name in re.findall(r"\w+", line)} & packages
     assert set(rooms) == below_stages - {"store", "interop"}  # which deal with files
 

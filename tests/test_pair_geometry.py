@@ -9,22 +9,21 @@ from typing import Any
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from rendezvous.config.load import load_config
+from rendezvous.engine.pool import Engine
+from rendezvous.engine.run import Run
+from rendezvous.evaluation.metrics import pose_error
+from rendezvous.geometry.camera import PinholeCamera, se3_from_se2
+from rendezvous.geometry.occupancy_grid import FREE, OccupancyGrid, grid_from_png, overlap
+from rendezvous.geometry.se2 import SE2
+from rendezvous.geometry.wall_agreement import wall_agreement
+from rendezvous.schema import PAIRS
+from rendezvous.stages.explore import explore
+from rendezvous.stages.floorplans import floorplans
+from rendezvous.stages.meshes import meshes
+from rendezvous.stages.pack import pack
+from rendezvous.stages.render import render
 from rich.console import Console
-
-from pipeline.config import load_config
-from pipeline.engine import Run
-from pipeline.evaluation.metrics import pose_error
-from pipeline.geometry.camera import PinholeCamera, se3_from_se2
-from pipeline.geometry.occupancy_grid import FREE, OccupancyGrid, grid_from_png, overlap
-from pipeline.geometry.se2 import SE2
-from pipeline.geometry.wall_agreement import wall_agreement
-from pipeline.pool import Engine
-from pipeline.schema import PAIRS
-from pipeline.stages.explore import explore
-from pipeline.stages.floorplans import floorplans
-from pipeline.stages.meshes import meshes
-from pipeline.stages.pack import pack
-from pipeline.stages.render import render
 
 pytestmark = pytest.mark.slow
 

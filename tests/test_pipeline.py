@@ -11,8 +11,8 @@ import time
 from pathlib import Path
 
 import pytest
+from rendezvous.store.read import StageReader
 
-from pipeline.store.read import StageReader
 from tests.conftest import ROOT
 from tests.toy_stage import folder_content
 
@@ -22,7 +22,7 @@ STAGES = ("floorplans", "meshes", "explore", "render", "dataset")
 
 
 def command(data: Path, *options: str) -> list[str]:
-    start = [sys.executable, "-m", "pipeline.cli"]
+    start = [sys.executable, "-m", "rendezvous.cli"]
     return [*start, "dataset", "--preset", "smoke", "--data", str(data), *options]
 
 
@@ -72,7 +72,7 @@ def test_a_rerun_makes_nothing_and_a_harmed_shard_is_made_again(made: Path) -> N
     assert said.count(" 0 made,") == len(STAGES)
     shard = made / "explore" / "part-00001.parquet"
     shard.write_bytes(shard.read_bytes()[:-100])
-    verify = [sys.executable, "-m", "pipeline.cli", "verify", str(made)]
+    verify = [sys.executable, "-m", "rendezvous.cli", "verify", str(made)]
     found = subprocess.run(verify, cwd=ROOT, capture_output=True, text=True, check=False)
     assert found.returncode == 1
     assert found.stdout.count("\n") == 1

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import pytest
-
-from pipeline.seeds import stream
+from rendezvous.seeds import stream
 
 
 def first(*key: int | str) -> float:

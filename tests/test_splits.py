@@ -5,9 +5,8 @@ import hashlib
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-
-from pipeline.errors import SplitError
-from pipeline.splits import plans_needed, split_of, split_plans
+from rendezvous.errors import SplitError
+from rendezvous.splits import plans_needed, split_of, split_plans
 
 digests = st.integers(0, 2**32).map(lambda n: hashlib.sha256(str(n).encode()).hexdigest())
 

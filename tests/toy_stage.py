@@ -12,14 +12,13 @@ from functools import partial
 from pathlib import Path
 
 import pyarrow as pa
+from rendezvous.config.load import load_config
+from rendezvous.engine.pool import Engine
+from rendezvous.engine.run import Run, Task, part_name
+from rendezvous.seeds import stream
+from rendezvous.store.parquet import Layout
+from rendezvous.store.records import Inputs, Quarantined, Shard
 from rich.console import Console
-
-from pipeline.config import load_config
-from pipeline.engine import Run, Task, part_name
-from pipeline.pool import Engine
-from pipeline.seeds import stream
-from pipeline.store.parquet import Layout
-from pipeline.store.records import Inputs, Quarantined, Shard
 
 STAGES_YAML = Path(__file__).parent.parent / "stages.yaml"
 STAGE = "floorplans"  # its folder; what is written there is ours

@@ -4,8 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 from pytest import approx
-
-from pipeline.alignment.frame_error import (
+from rendezvous.alignment.frame_error import (
     corrected,
     frame_error,
     initial_alignment,
@@ -13,7 +12,7 @@ from pipeline.alignment.frame_error import (
     perturbed,
     pose_difference,
 )
-from pipeline.geometry.se2 import SE2
+from rendezvous.geometry.se2 import SE2
 
 metres = st.floats(-12.0, 12.0)
 headings = st.floats(-3.1, 3.1)

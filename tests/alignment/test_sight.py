@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from rendezvous.alignment.sight import HIDDEN_CELL, OPEN_CELL, ROBOT_CELL, seen_from
+from rendezvous.alignment.window import map_window
+from rendezvous.geometry.occupancy_grid import FREE, OCCUPIED, OccupancyGrid
+from rendezvous.geometry.se2 import SE2
 from scipy.ndimage import maximum_filter, minimum_filter
-
-from pipeline.alignment.sight import HIDDEN_CELL, OPEN_CELL, ROBOT_CELL, seen_from
-from pipeline.alignment.window import map_window
-from pipeline.geometry.occupancy_grid import FREE, OCCUPIED, OccupancyGrid
-from pipeline.geometry.se2 import SE2
 
 
 def _cell(x_m: float, y_m: float, *, cells: int, cell_m: float) -> tuple[int, int]:

@@ -3,9 +3,8 @@ import math
 import numpy as np
 import pytest
 from pytest import approx
-
-from pipeline.alignment.frame_error import perturbed
-from pipeline.alignment.window import (
+from rendezvous.alignment.frame_error import perturbed
+from rendezvous.alignment.window import (
     FREE_CELL,
     OCCUPIED_CELL,
     UNKNOWN_CELL,
@@ -13,8 +12,8 @@ from pipeline.alignment.window import (
     SearchRange,
     map_window,
 )
-from pipeline.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
-from pipeline.geometry.se2 import SE2, Array
+from rendezvous.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
+from rendezvous.geometry.se2 import SE2, Array
 
 WINDOW_VALUE = {UNKNOWN: UNKNOWN_CELL, FREE: FREE_CELL, OCCUPIED: OCCUPIED_CELL}
 

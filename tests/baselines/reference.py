@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+from rendezvous.alignment.window import OCCUPIED_CELL, MapWindow
+from rendezvous.baselines.correlation import likelihood_field
+from rendezvous.geometry.se2 import Array
 from scipy.signal import fftconvolve
-
-from pipeline.alignment.window import OCCUPIED_CELL, MapWindow
-from pipeline.baselines.correlation import likelihood_field
-from pipeline.geometry.se2 import Array
 
 
 def reference_scores(

@@ -2,11 +2,11 @@ import math
 
 import numpy as np
 import pytest
+from rendezvous.alignment.frame_error import pose_difference
+from rendezvous.alignment.window import FREE_CELL, OCCUPIED_CELL, MapWindow, SearchRange
+from rendezvous.baselines.correlative import CorrelativeSearch
+from rendezvous.geometry.se2 import SE2
 
-from pipeline.alignment.frame_error import pose_difference
-from pipeline.alignment.window import FREE_CELL, OCCUPIED_CELL, MapWindow, SearchRange
-from pipeline.baselines.correlative import CorrelativeSearch
-from pipeline.geometry.se2 import SE2
 from tests.baselines.windows import real_window, window_with, without_walls
 
 

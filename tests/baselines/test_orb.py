@@ -3,12 +3,12 @@ import math
 import numpy as np
 import pytest
 from pytest import approx
+from rendezvous.alignment.frame_error import pose_difference
+from rendezvous.alignment.window import OCCUPIED_CELL, MapWindow
+from rendezvous.baselines.identity import Identity
+from rendezvous.baselines.orb import OrbRansac
+from rendezvous.geometry.se2 import SE2
 
-from pipeline.alignment.frame_error import pose_difference
-from pipeline.alignment.window import OCCUPIED_CELL, MapWindow
-from pipeline.baselines.identity import Identity
-from pipeline.baselines.orb import OrbRansac
-from pipeline.geometry.se2 import SE2
 from tests.baselines.windows import real_window, window_with
 
 

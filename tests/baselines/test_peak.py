@@ -2,11 +2,11 @@ import math
 
 import numpy as np
 from pytest import approx
+from rendezvous.alignment.frame_error import pose_difference
+from rendezvous.alignment.window import FREE_CELL, OCCUPIED_CELL, MapWindow
+from rendezvous.baselines.peak import Peak, motion_scores, peak_around
+from rendezvous.geometry.se2 import SE2
 
-from pipeline.alignment.frame_error import pose_difference
-from pipeline.alignment.window import FREE_CELL, OCCUPIED_CELL, MapWindow
-from pipeline.baselines.peak import Peak, motion_scores, peak_around
-from pipeline.geometry.se2 import SE2
 from tests.baselines.windows import window_with
 
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from rendezvous.evaluation.metrics import distance_to_segments, ghost_cells, pose_error
+from rendezvous.geometry.occupancy_grid import FREE, OCCUPIED, OccupancyGrid
+from rendezvous.geometry.se2 import SE2
 
-from pipeline.evaluation.metrics import distance_to_segments, ghost_cells, pose_error
-from pipeline.geometry.occupancy_grid import FREE, OCCUPIED, OccupancyGrid
-from pipeline.geometry.se2 import SE2
 from tests.synthetic import RESOLUTION_M, building, synthetic_row
 
 poses = st.builds(SE2, st.floats(-5, 5), st.floats(-5, 5), st.floats(-3.2, 3.2))

@@ -5,9 +5,8 @@ import math
 import numpy as np
 import pytest
 from pytest import approx
+from rendezvous.evaluation.statistics import Interval, bootstrap_mean, resample_weights, wilson_interval
 from scipy.stats import norm
-
-from pipeline.evaluation.statistics import Interval, bootstrap_mean, resample_weights, wilson_interval
 
 
 @pytest.mark.parametrize(("successes", "trials"), [(1, 7), (50, 100), (960, 1000)])

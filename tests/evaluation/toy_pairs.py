@@ -6,18 +6,18 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-
-from pipeline.alignment.estimate import Estimate
-from pipeline.evaluation.estimates import Outcome, Outcomes, Pairs, outcome
-from pipeline.geometry.occupancy_grid import grid_from_png
-from pipeline.geometry.se2 import SE2, Array
-from pipeline.training.pairs import MapPair
-from pipeline.training.perturbation import (
+from rendezvous.alignment.estimate import Estimate
+from rendezvous.evaluation.frame_error.estimates import Outcome, Outcomes, Pairs, outcome
+from rendezvous.geometry.occupancy_grid import grid_from_png
+from rendezvous.geometry.se2 import SE2, Array
+from rendezvous.training.frame_error.pairs import MapPair
+from rendezvous.training.frame_error.perturbation import (
     PerturbationRange,
     PerturbedPair,
     evaluation_perturbation,
     perturbed_pair,
 )
+
 from tests.synthetic import synthetic_row
 
 

@@ -6,11 +6,10 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-
-from pipeline.evaluation.pose_errors import ImageTruth, PoseOutcome, PoseOutcomes, as_seen
-from pipeline.geometry.camera import camera_pose, se3_from_se2
-from pipeline.geometry.se2 import SE2
-from pipeline.pose_estimation.relative_pose import PoseMode, RelativePose
+from rendezvous.evaluation.relative_pose.errors import ImageTruth, PoseOutcome, PoseOutcomes, as_seen
+from rendezvous.geometry.camera import camera_pose, se3_from_se2
+from rendezvous.geometry.se2 import SE2
+from rendezvous.pose_estimation.relative_pose import PoseMode, RelativePose
 
 T_R0_C = camera_pose(np.array([0.03, 0.0, 0.12]), np.zeros(3))
 

@@ -8,23 +8,23 @@ from typing import Any
 import numpy as np
 import pytest
 from pytest import approx
+from rendezvous.exploration import episode as episode_module
+from rendezvous.exploration.episode import run_episode
+from rendezvous.exploration.explorer import Explorer
+from rendezvous.exploration.records import Episode, EpisodeParameters
+from rendezvous.exploration.starts import draw_starts
+from rendezvous.exploration.surroundings import Surroundings, furnished
+from rendezvous.floorplan.furnish import furnish
+from rendezvous.floorplan.generate import GeneratorParameters, generate_floorplan
+from rendezvous.floorplan.records import Floorplan, Solid
+from rendezvous.floorplan.validate import start_regions
+from rendezvous.floorplan.walls import wall_boxes
+from rendezvous.geometry.se2 import SE2, wrap_angle
+from rendezvous.seeds import stream
+from rendezvous.simulation.lidar import beam_bearings
+from rendezvous.simulation.rays import cast_rays
+from rendezvous.simulation.world import Drive
 
-from pipeline.exploration import episode as episode_module
-from pipeline.exploration.episode import run_episode
-from pipeline.exploration.explorer import Explorer
-from pipeline.exploration.records import Episode, EpisodeParameters
-from pipeline.exploration.starts import draw_starts
-from pipeline.exploration.surroundings import Surroundings, furnished
-from pipeline.floorplan.furnish import furnish
-from pipeline.floorplan.generate import GeneratorParameters, generate_floorplan
-from pipeline.floorplan.records import Floorplan, Solid
-from pipeline.floorplan.validate import start_regions
-from pipeline.floorplan.walls import wall_boxes
-from pipeline.geometry.se2 import SE2, wrap_angle
-from pipeline.seeds import stream
-from pipeline.simulation.lidar import beam_bearings
-from pipeline.simulation.rays import cast_rays
-from pipeline.simulation.world import Drive
 from tests.simulation.scenes import burger
 
 SHORT = EpisodeParameters(max_time_s=150.0, first_event_s=(10.0, 20.0))

@@ -4,9 +4,8 @@ import networkx as nx
 import numpy as np
 from numpy.typing import NDArray
 from pytest import approx
-
-from pipeline.exploration.frontier import PlanningMap, frontiers, path_m, planning_map, reach
-from pipeline.geometry.se2 import SE2
+from rendezvous.exploration.frontier import PlanningMap, frontiers, path_m, planning_map, reach
+from rendezvous.geometry.se2 import SE2
 
 FREE, WALL, DARK = -2.0, 2.0, 0.0
 

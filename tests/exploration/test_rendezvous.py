@@ -3,9 +3,9 @@ import math
 import numpy as np
 import pytest
 from pytest import approx
+from rendezvous.exploration.rendezvous import Sighting, SightObstacles, cuboid_samples, sight
+from rendezvous.geometry.se2 import SE2, Array
 
-from pipeline.exploration.rendezvous import Sighting, SightObstacles, cuboid_samples, sight
-from pipeline.geometry.se2 import SE2, Array
 from tests.simulation.scenes import burger
 
 

@@ -5,10 +5,9 @@ from __future__ import annotations
 from functools import cache
 
 import numpy as np
-
-from pipeline.floorplan.generate import generate_floorplan
-from pipeline.floorplan.records import Floorplan
-from pipeline.seeds import stream
+from rendezvous.floorplan.generate import generate_floorplan
+from rendezvous.floorplan.records import Floorplan
+from rendezvous.seeds import stream
 
 TWO_ROOMS = [
     [0.0, 0.0], [3.95, 0.0], [3.95, 1.5], [4.05, 1.5], [4.05, 0.0], [8.0, 0.0],

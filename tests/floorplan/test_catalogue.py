@@ -5,12 +5,11 @@ import math
 import numpy as np
 import pytest
 import shapely
+from rendezvous.floorplan.catalogue import Maker
+from rendezvous.floorplan.piece import DRIVE_UNDER_M
+from rendezvous.floorplan.recipes import GENERIC, RECIPES, recipe_for
+from rendezvous.floorplan.records import Shape, Solid
 from shapely.affinity import rotate, translate
-
-from pipeline.floorplan.catalogue import Maker
-from pipeline.floorplan.piece import DRIVE_UNDER_M
-from pipeline.floorplan.recipes import GENERIC, RECIPES, recipe_for
-from pipeline.floorplan.records import Shape, Solid
 
 MAKERS = sorted(
     {make for recipe in (GENERIC, *RECIPES.values()) for make in (*recipe.first, *recipe.then)},

@@ -6,14 +6,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 import shapely
+from rendezvous.errors import FloorplanError
+from rendezvous.floorplan.furnish import furnish
+from rendezvous.floorplan.houseexpo import parse_floorplan
+from rendezvous.floorplan.records import Floorplan, Shape, Solid
+from rendezvous.floorplan.site import Site
+from rendezvous.floorplan.validate import reachable_space, start_regions, validated
+from rendezvous.seeds import stream
 
-from pipeline.errors import FloorplanError
-from pipeline.floorplan.furnish import furnish
-from pipeline.floorplan.houseexpo import parse_floorplan
-from pipeline.floorplan.records import Floorplan, Shape, Solid
-from pipeline.floorplan.site import Site
-from pipeline.floorplan.validate import reachable_space, start_regions, validated
-from pipeline.seeds import stream
 from tests.floorplan.plans import TWO_ROOMS, generated, plan_of
 
 LIDAR_M = 0.182

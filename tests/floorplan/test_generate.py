@@ -6,13 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import shapely
-
-from pipeline.errors import FloorplanError
-from pipeline.floorplan.generate import GeneratorParameters, generate_floorplan, shipped_floorplans
-from pipeline.floorplan.houseexpo import houseexpo_json, parse_floorplan
-from pipeline.floorplan.records import Floorplan
-from pipeline.floorplan.validate import reachable_space, start_regions, validated
-from pipeline.seeds import stream
+from rendezvous.errors import FloorplanError
+from rendezvous.floorplan.generate import GeneratorParameters, generate_floorplan, shipped_floorplans
+from rendezvous.floorplan.houseexpo import houseexpo_json, parse_floorplan
+from rendezvous.floorplan.records import Floorplan
+from rendezvous.floorplan.validate import reachable_space, start_regions, validated
+from rendezvous.seeds import stream
 
 SHIPPED = Path(__file__).parents[2] / "floorplans"
 KINDS = {

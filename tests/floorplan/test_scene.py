@@ -12,21 +12,21 @@ import numpy as np
 import pytest
 import shapely
 import trimesh
+from rendezvous.floorplan.furnish import furnish
+from rendezvous.floorplan.houseexpo import parse_floorplan
+from rendezvous.floorplan.records import Floorplan, Shape, Solid
+from rendezvous.floorplan.scene import floorplan_scene, glb
+from rendezvous.floorplan.validate import validated
+from rendezvous.floorplan.walls import wall_polygon
+from rendezvous.seeds import stream
 
-from pipeline.floorplan.furnish import furnish
-from pipeline.floorplan.houseexpo import parse_floorplan
-from pipeline.floorplan.records import Floorplan, Shape, Solid
-from pipeline.floorplan.scene import floorplan_scene, glb
-from pipeline.floorplan.validate import validated
-from pipeline.floorplan.walls import wall_polygon
-from pipeline.seeds import stream
 from tests.floorplan.plans import TWO_ROOMS, generated, plan_of
 
 HASH_OF_A_SCENE = """
 import hashlib
-from pipeline.floorplan.furnish import furnish
-from pipeline.floorplan.scene import floorplan_scene, glb
-from pipeline.seeds import stream
+from rendezvous.floorplan.furnish import furnish
+from rendezvous.floorplan.scene import floorplan_scene, glb
+from rendezvous.seeds import stream
 from tests.floorplan.plans import generated
 plan = generated(1)
 scene = floorplan_scene(plan, furnish(plan, stream(0, "scene"), density=1.0), height_m=2.5)

@@ -8,11 +8,11 @@ import pytest
 import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from rendezvous.errors import FloorplanError
+from rendezvous.floorplan.houseexpo import parse_floorplan
+from rendezvous.floorplan.records import Floorplan
+from rendezvous.floorplan.validate import FloorplanLimits, reachable_space, start_regions, validated
 
-from pipeline.errors import FloorplanError
-from pipeline.floorplan.houseexpo import parse_floorplan
-from pipeline.floorplan.records import Floorplan
-from pipeline.floorplan.validate import FloorplanLimits, reachable_space, start_regions, validated
 from tests.floorplan.plans import TWO_ROOMS, generated, plan_of
 
 AREA_M2 = 8.0 * 4.0 - 0.1 * (4.0 - 0.9)

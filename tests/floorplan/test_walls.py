@@ -6,13 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 import shapely
+from rendezvous.floorplan.furnish import furnish
+from rendezvous.floorplan.houseexpo import parse_floorplan
+from rendezvous.floorplan.records import Floorplan, Shape, Solid
+from rendezvous.floorplan.validate import validated
+from rendezvous.floorplan.walls import lidar_outline, sight_obstacles, wall_boxes, wall_polygon
+from rendezvous.seeds import stream
 
-from pipeline.floorplan.furnish import furnish
-from pipeline.floorplan.houseexpo import parse_floorplan
-from pipeline.floorplan.records import Floorplan, Shape, Solid
-from pipeline.floorplan.validate import validated
-from pipeline.floorplan.walls import lidar_outline, sight_obstacles, wall_boxes, wall_polygon
-from pipeline.seeds import stream
 from tests.floorplan.plans import TWO_ROOMS, generated, plan_of
 
 HEIGHT_M = 1.0

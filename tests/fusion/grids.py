@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 from hypothesis import strategies as st
-
-from pipeline.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
-from pipeline.geometry.se2 import SE2
+from rendezvous.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
+from rendezvous.geometry.se2 import SE2
 
 VALUES = np.array([OCCUPIED, UNKNOWN, FREE], np.uint8)
 

@@ -3,11 +3,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from hypothesis import given
+from rendezvous.fusion.agreement import agreement, map_agreement
+from rendezvous.fusion.merge import merged
+from rendezvous.geometry.occupancy_grid import UNKNOWN
+from rendezvous.geometry.se2 import SE2
 
-from pipeline.fusion.agreement import agreement, map_agreement
-from pipeline.fusion.merge import merged
-from pipeline.geometry.occupancy_grid import UNKNOWN
-from pipeline.geometry.se2 import SE2
 from tests.baselines.windows import REAL_T_M0_M1, cuts, real_maps
 from tests.fusion.grids import constant_grid, drawn_grid, grids, poses, shown
 

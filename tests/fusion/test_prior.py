@@ -4,11 +4,10 @@ import math
 
 import numpy as np
 import pytest
-
-from pipeline.alignment.frame_error import frame_error, initial_alignment, meeting_point
-from pipeline.fusion.prior import NARROWEST, WIDEST, SlamSpread, adjoint, frame_error_prior
-from pipeline.fusion.sighted_pose import OUTLIER_SHARE, SightedMode, SightedPose
-from pipeline.geometry.se2 import SE2, Array
+from rendezvous.alignment.frame_error import frame_error, initial_alignment, meeting_point
+from rendezvous.fusion.prior import NARROWEST, WIDEST, SlamSpread, adjoint, frame_error_prior
+from rendezvous.fusion.sighted_pose import OUTLIER_SHARE, SightedMode, SightedPose
+from rendezvous.geometry.se2 import SE2, Array
 
 T_M0_R0, T_M1_R1 = SE2(4.0, -3.0, 1.2), SE2(-2.0, 6.0, -2.7)
 SEEN = SE2(1.8, 0.4, 2.0)

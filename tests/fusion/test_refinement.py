@@ -4,16 +4,16 @@ import math
 
 import numpy as np
 import pytest
+from rendezvous.alignment.estimate import Estimate
+from rendezvous.alignment.frame_error import corrected, frame_error, initial_alignment, meeting_point
+from rendezvous.alignment.sight import ROBOT_CELL
+from rendezvous.alignment.window import DEFAULT_SEARCH, MapWindow
+from rendezvous.fusion.meeting import Meeting
+from rendezvous.fusion.prior import FrameErrorPrior
+from rendezvous.fusion.refinement import WINDOW_TURN_RAD, refined
+from rendezvous.geometry.se2 import SE2
+from rendezvous.models.posterior import Gaussian
 
-from pipeline.alignment.estimate import Estimate
-from pipeline.alignment.frame_error import corrected, frame_error, initial_alignment, meeting_point
-from pipeline.alignment.sight import ROBOT_CELL
-from pipeline.alignment.window import DEFAULT_SEARCH, MapWindow
-from pipeline.fusion.meeting import Meeting
-from pipeline.fusion.prior import FrameErrorPrior
-from pipeline.fusion.refinement import WINDOW_TURN_RAD, refined
-from pipeline.geometry.se2 import SE2
-from pipeline.models.posterior import Gaussian
 from tests.fusion.grids import drawn_grid
 
 T_R0_R1 = SE2(0.7, 0.2, 2.0)

@@ -4,12 +4,11 @@ import math
 
 import numpy as np
 import pytest
-
-from pipeline.alignment.spread import log_density
-from pipeline.errors import SightingError
-from pipeline.fusion.sighted_pose import SightedPose, sighted_pose
-from pipeline.geometry.se2 import SE2, Array
-from pipeline.pose_estimation.relative_pose import PoseMode, RelativePose
+from rendezvous.alignment.spread import log_density
+from rendezvous.errors import SightingError
+from rendezvous.fusion.sighted_pose import SightedPose, sighted_pose
+from rendezvous.geometry.se2 import SE2, Array
+from rendezvous.pose_estimation.relative_pose import PoseMode, RelativePose
 
 TRUE = SE2(1.6, -0.3, 2.5)
 SHAPE = np.array([[0.010, 0.004, 0.001], [0.004, 0.006, -0.001], [0.001, -0.001, 0.003]])

@@ -6,21 +6,21 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from rendezvous.alignment.estimate import Estimate
+from rendezvous.alignment.frame_error import frame_error
+from rendezvous.alignment.window import DEFAULT_SEARCH, MapWindow
+from rendezvous.errors import MapError
+from rendezvous.fusion.meeting import Meeting
+from rendezvous.fusion.merge import merged
+from rendezvous.fusion.prior import FrameErrorPrior, SlamSpread, frame_error_prior
+from rendezvous.fusion.refinement import WINDOW_TURN_RAD, Refiner, correlative_refiner, matcher_refiner
+from rendezvous.fusion.sighted_pose import SightedMode, SightedPose, sighted_pose
+from rendezvous.fusion.system import FusionResult, fuse_maps
+from rendezvous.geometry.occupancy_grid import UNKNOWN, OccupancyGrid
+from rendezvous.geometry.se2 import SE2
+from rendezvous.models.matcher_estimator import MatcherEstimator
+from rendezvous.stages.weights.trained_estimators import load
 
-from pipeline.alignment.estimate import Estimate
-from pipeline.alignment.frame_error import frame_error
-from pipeline.alignment.window import DEFAULT_SEARCH, MapWindow
-from pipeline.errors import MapError
-from pipeline.fusion.meeting import Meeting
-from pipeline.fusion.merge import merged
-from pipeline.fusion.prior import FrameErrorPrior, SlamSpread, frame_error_prior
-from pipeline.fusion.refinement import WINDOW_TURN_RAD, Refiner, correlative_refiner, matcher_refiner
-from pipeline.fusion.sighted_pose import SightedMode, SightedPose, sighted_pose
-from pipeline.fusion.system import FusionResult, fuse_maps
-from pipeline.geometry.occupancy_grid import UNKNOWN, OccupancyGrid
-from pipeline.geometry.se2 import SE2
-from pipeline.models.matcher_estimator import MatcherEstimator
-from pipeline.stages.trained_estimators import load
 from tests.baselines.windows import cuts
 from tests.conftest import ROOT
 from tests.fusion.test_sighted_pose import pose_of, seen_at

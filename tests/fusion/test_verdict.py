@@ -4,15 +4,14 @@ import math
 
 import numpy as np
 import pytest
-
-from pipeline.alignment.estimate import WRONG_M, WRONG_RAD, Estimate
-from pipeline.alignment.window import DEFAULT_SEARCH
-from pipeline.fusion.agreement import MapAgreement
-from pipeline.fusion.prior import SlamSpread, frame_error_prior
-from pipeline.fusion.refinement import Refined
-from pipeline.fusion.sighted_pose import SightedMode, SightedPose
-from pipeline.fusion.verdict import alignment_doubts, refinement_doubts, sighting_doubts
-from pipeline.geometry.se2 import SE2, Array
+from rendezvous.alignment.estimate import WRONG_M, WRONG_RAD, Estimate
+from rendezvous.alignment.window import DEFAULT_SEARCH
+from rendezvous.fusion.agreement import MapAgreement
+from rendezvous.fusion.prior import SlamSpread, frame_error_prior
+from rendezvous.fusion.refinement import Refined
+from rendezvous.fusion.sighted_pose import SightedMode, SightedPose
+from rendezvous.fusion.verdict import alignment_doubts, refinement_doubts, sighting_doubts
+from rendezvous.geometry.se2 import SE2, Array
 
 SIGMA = np.diag([0.1, 0.1, math.radians(3.0)]) ** 2
 

@@ -5,15 +5,14 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 from pytest import approx
-
-from pipeline.geometry.camera import (
+from rendezvous.geometry.camera import (
     PinholeCamera,
     camera_pose,
     rotation_from_rpy,
     se2_from_se3,
     se3_from_se2,
 )
-from pipeline.geometry.se2 import SE2
+from rendezvous.geometry.se2 import SE2
 
 D435 = PinholeCamera(fx_px=616.0, fy_px=616.0, cx_px=319.5, cy_px=239.5, width_px=640, height_px=480)
 angles = st.floats(-3.0, 3.0)

@@ -3,9 +3,8 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
-
-from pipeline.geometry.camera import PinholeCamera, rotation_from_rpy
-from pipeline.geometry.cuboid import cuboid_points, pose_from_cuboid, project_cuboid
+from rendezvous.geometry.camera import PinholeCamera, rotation_from_rpy
+from rendezvous.geometry.cuboid import cuboid_points, pose_from_cuboid, project_cuboid
 
 CAMERA = PinholeCamera(fx_px=616.0, fy_px=610.0, cx_px=319.5, cy_px=239.5, width_px=640, height_px=480)
 SIZE_M = (0.138, 0.178, 0.192)

@@ -3,9 +3,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from pytest import approx
-
-from pipeline.errors import MapError
-from pipeline.geometry.occupancy_grid import (
+from rendezvous.errors import MapError
+from rendezvous.geometry.occupancy_grid import (
     FREE,
     OCCUPIED,
     UNKNOWN,
@@ -13,7 +12,7 @@ from pipeline.geometry.occupancy_grid import (
     grid_from_png,
     overlap,
 )
-from pipeline.geometry.se2 import SE2
+from rendezvous.geometry.se2 import SE2
 
 
 def grid_of(cells: object, *, T_m_g: SE2 | None = None, resolution_m: float = 0.5) -> OccupancyGrid:

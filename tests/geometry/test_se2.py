@@ -5,9 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from pytest import approx
-
-from pipeline.errors import PipelineError
-from pipeline.geometry.se2 import SE2, wrap_angle
+from rendezvous.errors import PipelineError
+from rendezvous.geometry.se2 import SE2, wrap_angle
 
 length_m = st.floats(-50.0, 50.0)
 poses = st.builds(SE2, length_m, length_m, st.floats(-7.0, 7.0))

@@ -7,10 +7,9 @@ import cv2
 import numpy as np
 import pytest
 import trimesh
-
-from pipeline.errors import PipelineError
-from pipeline.geometry.cuboid import cuboid_points
-from pipeline.interop.bop import (
+from rendezvous.errors import PipelineError
+from rendezvous.geometry.cuboid import cuboid_points
+from rendezvous.interop.bop import (
     bop_json,
     camera_document,
     model_ply,
@@ -21,9 +20,10 @@ from pipeline.interop.bop import (
     scene_gt_info_document,
     targets_document,
 )
-from pipeline.interop.pose_label import PoseLabel
-from pipeline.rendering.robot_model import robot_parts
-from pipeline.robot_file import ROBOTS, load_robot
+from rendezvous.interop.pose_label import PoseLabel
+from rendezvous.rendering.robot_model import robot_parts
+from rendezvous.robot_file import ROBOTS, load_robot
+
 from tests.geometry.test_cuboid import CAMERA, SIZE_M, random_pose
 
 CORNERS_O_M = cuboid_points(SIZE_M)[:8]

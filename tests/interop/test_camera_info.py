@@ -6,10 +6,9 @@ import pytest
 import yaml
 from hypothesis import given
 from hypothesis import strategies as st
-
-from pipeline.errors import CameraError
-from pipeline.geometry.camera import PinholeCamera
-from pipeline.interop.camera_info import CameraInfo, read_camera_info, write_camera_info
+from rendezvous.errors import CameraError
+from rendezvous.geometry.camera import PinholeCamera
+from rendezvous.interop.camera_info import CameraInfo, read_camera_info, write_camera_info
 
 CAMERA = PinholeCamera(fx_px=410.0, fy_px=405.0, cx_px=322.5, cy_px=236.0, width_px=640, height_px=480)
 LENSES = {

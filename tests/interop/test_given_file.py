@@ -2,8 +2,7 @@ import os
 from pathlib import Path
 
 import pytest
-
-from pipeline.interop.given_file import given_bytes
+from rendezvous.interop.given_file import given_bytes
 
 
 def test_a_file_is_read_up_to_the_bytes_allowed(tmp_path: Path):

@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-
-from pipeline.errors import MapError
-from pipeline.interop.map_image import read_map_image
+from rendezvous.errors import MapError
+from rendezvous.interop.map_image import read_map_image
 
 GREYS = np.random.default_rng(0).integers(0, 256, (9, 13), np.uint8)
 

@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-
-from pipeline.errors import MapError
-from pipeline.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
-from pipeline.geometry.se2 import SE2
-from pipeline.interop.ros_map import read_ros_map, write_ros_map
+from rendezvous.errors import MapError
+from rendezvous.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
+from rendezvous.geometry.se2 import SE2
+from rendezvous.interop.ros_map import read_ros_map, write_ros_map
 
 GRID = OccupancyGrid(
     cells=np.random.default_rng(0).choice(np.array([OCCUPIED, UNKNOWN, FREE], np.uint8), (7, 11)),

@@ -1,9 +1,8 @@
 import numpy as np
 import torch
+from rendezvous.models.attention import attention_rollout
+from rendezvous.models.frame_error import FrameErrorConfig, FrameErrorViT, build_frame_error
 from torch import Tensor
-
-from pipeline.models.attention import attention_rollout
-from pipeline.models.frame_error import FrameErrorConfig, FrameErrorViT, build_frame_error
 
 PLACES = 12 * 12
 

@@ -4,13 +4,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from torch import Tensor
-
-from pipeline.alignment.window import FREE_CELL, OCCUPIED_CELL, MapWindow
-from pipeline.errors import ConfigError
-from pipeline.geometry.se2 import SE2
-from pipeline.models import lie
-from pipeline.models.frame_error import (
+from rendezvous.alignment.window import FREE_CELL, OCCUPIED_CELL, MapWindow
+from rendezvous.errors import ConfigError
+from rendezvous.geometry.se2 import SE2
+from rendezvous.models import lie
+from rendezvous.models.frame_error import (
     FrameErrorConfig,
     FrameErrorNet,
     FrameErrorViT,
@@ -18,7 +16,9 @@ from pipeline.models.frame_error import (
     input_grid,
     output_pose,
 )
-from pipeline.models.losses import frame_error_loss
+from rendezvous.models.losses import frame_error_loss
+from torch import Tensor
+
 from tests.models.worlds import batch
 
 SMALL = {

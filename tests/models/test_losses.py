@@ -4,14 +4,10 @@ import math
 import numpy as np
 import pytest
 import torch
-from scipy.linalg import expm, logm
-from torch import Tensor, nn
-from torch.autograd import gradcheck
-
-from pipeline.geometry.se2 import SE2
-from pipeline.models import lie
-from pipeline.models.frame_error import input_grid, output_pose
-from pipeline.models.losses import (
+from rendezvous.geometry.se2 import SE2
+from rendezvous.models import lie
+from rendezvous.models.frame_error import input_grid, output_pose
+from rendezvous.models.losses import (
     ABLATION_ROWS,
     frame_error_loss,
     lie_error,
@@ -19,6 +15,10 @@ from pipeline.models.losses import (
     regulariser,
     warp,
 )
+from scipy.linalg import expm, logm
+from torch import Tensor, nn
+from torch.autograd import gradcheck
+
 from tests.models.worlds import misplaced, rooms
 
 CELL_M = 0.1

@@ -6,19 +6,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from rendezvous.alignment.frame_error import pose_difference
+from rendezvous.alignment.sight import OPEN_CELL
+from rendezvous.alignment.window import OCCUPIED_CELL, MapWindow, SearchRange
+from rendezvous.errors import ConfigError
+from rendezvous.geometry.se2 import SE2
+from rendezvous.models.matcher import Matcher, MatcherConfig
+from rendezvous.models.matcher_calibration import MatcherCalibration
+from rendezvous.models.matcher_estimator import MatcherEstimator
+from rendezvous.models.matcher_loss import LossSampling, matcher_loss
+from rendezvous.models.posterior import Gaussian
+from rendezvous.models.se2_correlation import correlation, fft_size, moved, scores
 from torch import Tensor, nn
 
-from pipeline.alignment.frame_error import pose_difference
-from pipeline.alignment.sight import OPEN_CELL
-from pipeline.alignment.window import OCCUPIED_CELL, MapWindow, SearchRange
-from pipeline.errors import ConfigError
-from pipeline.geometry.se2 import SE2
-from pipeline.models.matcher import Matcher, MatcherConfig
-from pipeline.models.matcher_calibration import MatcherCalibration
-from pipeline.models.matcher_estimator import MatcherEstimator
-from pipeline.models.matcher_loss import LossSampling, matcher_loss
-from pipeline.models.posterior import Gaussian
-from pipeline.models.se2_correlation import correlation, fft_size, moved, scores
 from tests.models.worlds import misplaced, rooms
 
 SMALL = MatcherConfig(

@@ -8,22 +8,22 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-
-from pipeline.alignment.spread import ellipsoid_probability, nees
-from pipeline.alignment.window import SearchRange
-from pipeline.errors import ConfigError
-from pipeline.geometry.se2 import SE2, Array
-from pipeline.models.matcher import MatcherConfig
-from pipeline.models.matcher_calibration import (
+from rendezvous.alignment.spread import ellipsoid_probability, nees
+from rendezvous.alignment.window import SearchRange
+from rendezvous.errors import ConfigError
+from rendezvous.geometry.se2 import SE2, Array
+from rendezvous.models.matcher import MatcherConfig
+from rendezvous.models.matcher_calibration import (
     MatcherCalibration,
     Reading,
     fitted,
     least_trusted_mass,
     most_likely_spread,
 )
-from pipeline.models.matcher_estimator import MatcherEstimator
-from pipeline.models.posterior import Gaussian, Posterior
-from pipeline.models.refined_posterior import RefinedPosterior
+from rendezvous.models.matcher_estimator import MatcherEstimator
+from rendezvous.models.posterior import Gaussian, Posterior
+from rendezvous.models.refined_posterior import RefinedPosterior
+
 from tests.models.worlds import misplaced, rooms
 
 

@@ -8,10 +8,10 @@ from itertools import pairwise
 import pytest
 import torch
 import yaml
+from rendezvous.errors import ConfigError
+from rendezvous.models.relative_pose import RelativePoseConfig, RelativePoseNet, StageMaps, relative_pose_loss
 from torch import nn
 
-from pipeline.errors import ConfigError
-from pipeline.models.relative_pose import RelativePoseConfig, RelativePoseNet, StageMaps, relative_pose_loss
 from tests.conftest import ROOT
 
 

@@ -8,20 +8,20 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import pytest
 import torch
-
-from pipeline.geometry.camera import PinholeCamera
-from pipeline.geometry.se2 import Array
-from pipeline.models.relative_pose import RelativePoseConfig, RelativePoseNet
-from pipeline.models.relative_pose_estimator import (
+from rendezvous.geometry.camera import PinholeCamera
+from rendezvous.geometry.se2 import Array
+from rendezvous.models.relative_pose import RelativePoseConfig, RelativePoseNet
+from rendezvous.models.relative_pose_estimator import (
     FIRST_FOCAL_PX,
     Looked,
     RelativePoseEstimator,
     first_look,
 )
-from pipeline.pose_estimation.cuboids import cuboids
-from pipeline.pose_estimation.look import Image, Look
-from pipeline.pose_estimation.peaks import belief_peaks
-from pipeline.pose_estimation.sighting import Sighting
+from rendezvous.pose_estimation.cuboids import cuboids
+from rendezvous.pose_estimation.look import Image, Look
+from rendezvous.pose_estimation.peaks import belief_peaks
+from rendezvous.pose_estimation.sighting import Sighting
+
 from tests.pose_estimation.sightings import CAMERA, burger, error, maps_of, setting, sighting
 
 IMAGE = np.zeros((480, 640, 3), np.uint8)

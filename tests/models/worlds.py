@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import torch
+from rendezvous.alignment.frame_error import perturbed
+from rendezvous.alignment.window import MapWindow, map_window
+from rendezvous.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
+from rendezvous.geometry.se2 import SE2
 from torch import Tensor
-
-from pipeline.alignment.frame_error import perturbed
-from pipeline.alignment.window import MapWindow, map_window
-from pipeline.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
-from pipeline.geometry.se2 import SE2
 
 
 def rooms(rng: np.random.Generator, *, cells: int = 160, resolution_m: float = 0.1) -> OccupancyGrid:

@@ -5,15 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-
-from pipeline.geometry.camera import PinholeCamera, camera_pose
-from pipeline.geometry.se2 import SE2, Array
-from pipeline.pose_estimation.cuboids import Cuboid, cuboids
-from pipeline.pose_estimation.dope_labels import Maps, belief_maps, vector_fields
-from pipeline.pose_estimation.keypoint_evidence import KeypointEvidence, KeypointNoise, evidence_of
-from pipeline.pose_estimation.look import STRIDE_PX, Look
-from pipeline.pose_estimation.peaks import Peaks, belief_peaks
-from pipeline.pose_estimation.sighting import SeenRobot, Sighting
+from rendezvous.geometry.camera import PinholeCamera, camera_pose
+from rendezvous.geometry.se2 import SE2, Array
+from rendezvous.pose_estimation.cuboids import Cuboid, cuboids
+from rendezvous.pose_estimation.dope_labels import Maps, belief_maps, vector_fields
+from rendezvous.pose_estimation.keypoint_evidence import KeypointEvidence, KeypointNoise, evidence_of
+from rendezvous.pose_estimation.look import STRIDE_PX, Look
+from rendezvous.pose_estimation.peaks import Peaks, belief_peaks
+from rendezvous.pose_estimation.sighting import SeenRobot, Sighting
 
 CAMERA = PinholeCamera(fx_px=616.0, fy_px=616.0, cx_px=319.5, cy_px=239.5, width_px=640, height_px=480)
 INPUT_PX, SPAN_PX = 160, 80.0

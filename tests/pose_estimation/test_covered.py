@@ -1,8 +1,7 @@
 from __future__ import annotations
 
 import numpy as np
-
-from pipeline.pose_estimation.covered import covered_image
+from rendezvous.pose_estimation.covered import covered_image
 
 
 def test_a_covered_robot_shows_what_is_beside_it():

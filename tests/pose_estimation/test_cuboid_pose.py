@@ -2,10 +2,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from rendezvous.pose_estimation.cuboid_pose import Reading, readings_in_space, readings_on_floor
+from rendezvous.pose_estimation.keypoint_evidence import KeypointNoise, evidence_of
+from rendezvous.pose_estimation.sighting import Sighting
 
-from pipeline.pose_estimation.cuboid_pose import Reading, readings_in_space, readings_on_floor
-from pipeline.pose_estimation.keypoint_evidence import KeypointNoise, evidence_of
-from pipeline.pose_estimation.sighting import Sighting
 from tests.pose_estimation.sightings import (
     EXACT,
     Seen,

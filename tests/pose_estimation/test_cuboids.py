@@ -2,11 +2,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from rendezvous.geometry.cuboid import project_cuboid
+from rendezvous.pose_estimation.cuboids import cuboids
+from rendezvous.pose_estimation.dope_labels import belief_maps, vector_fields
+from rendezvous.pose_estimation.peaks import belief_peaks
 
-from pipeline.geometry.cuboid import project_cuboid
-from pipeline.pose_estimation.cuboids import cuboids
-from pipeline.pose_estimation.dope_labels import belief_maps, vector_fields
-from pipeline.pose_estimation.peaks import belief_peaks
 from tests.geometry.test_cuboid import CAMERA, SIZE_M
 
 STRIDE_PX = 8

@@ -2,10 +2,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-
-from pipeline.pose_estimation.keypoint_evidence import KeypointNoise, evidence_of
-from pipeline.pose_estimation.look import Look
-from pipeline.pose_estimation.peaks import Peaks
+from rendezvous.pose_estimation.keypoint_evidence import KeypointNoise, evidence_of
+from rendezvous.pose_estimation.look import Look
+from rendezvous.pose_estimation.peaks import Peaks
 
 LOOK = Look.at(np.array([200.0, 150.0]), scale=0.5, width_px=160, height_px=160)
 PX_PER_CELL = 16.0

@@ -2,8 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-
-from pipeline.pose_estimation.look import Look
+from rendezvous.pose_estimation.look import Look
 
 POINT_PX = np.array([210.3, 155.7])
 

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-
-from pipeline.pose_estimation.dope_labels import belief_maps
-from pipeline.pose_estimation.peaks import belief_peaks
+from rendezvous.pose_estimation.dope_labels import belief_maps
+from rendezvous.pose_estimation.peaks import belief_peaks
 
 CELLS = 20
 

@@ -2,14 +2,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-
-from pipeline.alignment.spread import ellipsoid_probability, nees
-from pipeline.errors import ConfigError
-from pipeline.geometry.se2 import SE2, Array
-from pipeline.pose_estimation.cuboid_pose import Reading
-from pipeline.pose_estimation.keypoint_evidence import KeypointNoise
-from pipeline.pose_estimation.pose_calibration import PoseCalibration
-from pipeline.pose_estimation.pose_calibration_fit import (
+from rendezvous.alignment.spread import ellipsoid_probability, nees
+from rendezvous.errors import ConfigError
+from rendezvous.geometry.se2 import SE2, Array
+from rendezvous.pose_estimation.cuboid_pose import Reading
+from rendezvous.pose_estimation.keypoint_evidence import KeypointNoise
+from rendezvous.pose_estimation.pose_calibration import PoseCalibration
+from rendezvous.pose_estimation.pose_calibration_fit import (
     ReadImage,
     SeenPeaks,
     fitted,
@@ -17,6 +16,7 @@ from pipeline.pose_estimation.pose_calibration_fit import (
     with_score,
     with_sharpness,
 )
+
 from tests.pose_estimation.sightings import seen_points, setting, shaken, sighting
 
 

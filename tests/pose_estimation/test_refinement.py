@@ -2,11 +2,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from rendezvous.geometry.se2 import Array
+from rendezvous.pose_estimation.keypoint_evidence import KeypointEvidence, KeypointNoise
+from rendezvous.pose_estimation.refinement import lean_precision, refined
+from rendezvous.pose_estimation.sighting import Sighting
 
-from pipeline.geometry.se2 import Array
-from pipeline.pose_estimation.keypoint_evidence import KeypointEvidence, KeypointNoise
-from pipeline.pose_estimation.refinement import lean_precision, refined
-from pipeline.pose_estimation.sighting import Sighting
 from tests.pose_estimation.sightings import seen_points, setting, shaken, sighting
 
 NOISE = KeypointNoise(floor_cells=0.2, scale=0.0)

@@ -2,11 +2,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from rendezvous.geometry.camera import se3_from_se2
+from rendezvous.geometry.cuboid import project_cuboid
+from rendezvous.geometry.se2 import SE2
+from rendezvous.pose_estimation.sighting import turns
 
-from pipeline.geometry.camera import se3_from_se2
-from pipeline.geometry.cuboid import project_cuboid
-from pipeline.geometry.se2 import SE2
-from pipeline.pose_estimation.sighting import turns
 from tests.geometry.test_cuboid import random_pose
 from tests.pose_estimation.sightings import CAMERA, burger, setting, sighting
 

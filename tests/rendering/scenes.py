@@ -7,11 +7,10 @@ from typing import Any
 import numpy as np
 import trimesh
 from PIL import Image as PilImage
-
-from pipeline.geometry.camera import PinholeCamera, camera_pose, se3_from_se2
-from pipeline.geometry.se2 import SE2, Array
-from pipeline.rendering.plan_scene import BOX, plan_meshes
-from pipeline.rendering.scene import Instance, Light, LightKind, Material, MeshPool, Scene, TexturePool
+from rendezvous.geometry.camera import PinholeCamera, camera_pose, se3_from_se2
+from rendezvous.geometry.se2 import SE2, Array
+from rendezvous.rendering.plan_scene import BOX, plan_meshes
+from rendezvous.rendering.scene import Instance, Light, LightKind, Material, MeshPool, Scene, TexturePool
 
 CAMERA = PinholeCamera(fx_px=210.0, fy_px=205.0, cx_px=100.5, cy_px=71.0, width_px=208, height_px=144)
 """A small camera whose principal point is not the image's middle."""

@@ -2,9 +2,8 @@
 
 import numpy as np
 import pytest
-
-from pipeline.rendering.backgrounds import draw_background, photo_background, room_background
-from pipeline.rendering.textures import texture_pool
+from rendezvous.rendering.appearance.textures import texture_pool
+from rendezvous.rendering.backgrounds import draw_background, photo_background, room_background
 
 POOL = texture_pool(np.random.default_rng(0), variants=1, size_px=128)
 

@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 import shapely
-
-from pipeline.rendering.distractors import THINGS, place_on_floor
-from pipeline.rendering.plan_scene import plan_meshes
-from pipeline.rendering.thing_meshes import thing_meshes
+from rendezvous.rendering.distractors import THINGS, place_on_floor
+from rendezvous.rendering.plan_scene import plan_meshes
+from rendezvous.rendering.thing_meshes import thing_meshes
 
 MESHES = {**plan_meshes(), **thing_meshes()}
 

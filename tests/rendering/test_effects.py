@@ -4,10 +4,14 @@ from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
-
-from pipeline.errors import PipelineError
-from pipeline.rendering.colour import LUMINANCE, blackbody_rgb, linear_from_srgb, srgb_from_linear
-from pipeline.rendering.effects import (
+from rendezvous.errors import PipelineError
+from rendezvous.rendering.appearance.colour import (
+    LUMINANCE,
+    blackbody_rgb,
+    linear_from_srgb,
+    srgb_from_linear,
+)
+from rendezvous.rendering.effects import (
     NO_EFFECTS,
     apply_effects,
     draw_effects,

@@ -5,13 +5,12 @@ from functools import cache
 
 import numpy as np
 import pytest
-
-from pipeline.rendering.draws import PoseDraws
-from pipeline.rendering.free_scenes import T_W_C, draw_free, draw_pose
-from pipeline.rendering.randomise import ROBOT, RobotLooks
-from pipeline.rendering.scene import Material
-from pipeline.rendering.textures import texture_pool
-from pipeline.robot_file import load_robot
+from rendezvous.rendering.appearance.textures import texture_pool
+from rendezvous.rendering.draws import PoseDraws
+from rendezvous.rendering.free_scenes import T_W_C, draw_free, draw_pose
+from rendezvous.rendering.randomise import ROBOT, RobotLooks
+from rendezvous.rendering.scene import Material
+from rendezvous.robot_file import load_robot
 
 BURGER = load_robot("burger")
 CAMERA = BURGER.camera.intrinsics()

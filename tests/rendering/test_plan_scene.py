@@ -3,16 +3,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import trimesh
+from rendezvous.floorplan.furnish import furnish
+from rendezvous.floorplan.records import Shape, Solid
+from rendezvous.floorplan.walls import wall_boxes
+from rendezvous.geometry.camera import camera_pose, se3_from_se2
+from rendezvous.geometry.se2 import SE2
+from rendezvous.rendering.opengl.renderer import Renderer
+from rendezvous.rendering.plan_scene import plan_instances, plan_meshes, solid_instance
+from rendezvous.rendering.scene import Material, Scene
+from rendezvous.seeds import stream
 
-from pipeline.floorplan.furnish import furnish
-from pipeline.floorplan.records import Shape, Solid
-from pipeline.floorplan.walls import wall_boxes
-from pipeline.geometry.camera import camera_pose, se3_from_se2
-from pipeline.geometry.se2 import SE2
-from pipeline.rendering.plan_scene import plan_instances, plan_meshes, solid_instance
-from pipeline.rendering.renderer import Renderer
-from pipeline.rendering.scene import Material, Scene
-from pipeline.seeds import stream
 from tests.floorplan.plans import TWO_ROOMS, generated, plan_of
 from tests.rendering.scenes import CAMERA, GREY, WHITE, facing_x, looking_down, scene_of, sun
 

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 import shapely
 import trimesh
-
-from pipeline.errors import FloorplanError
-from pipeline.floorplan.furnish import furnish
-from pipeline.geometry.camera import camera_pose, se3_from_se2
-from pipeline.geometry.se2 import SE2
-from pipeline.rendering.draws import PoseDraws
-from pipeline.rendering.plan_scene import plan_meshes
-from pipeline.rendering.randomise import (
+from rendezvous.errors import FloorplanError
+from rendezvous.floorplan.furnish import furnish
+from rendezvous.geometry.camera import camera_pose, se3_from_se2
+from rendezvous.geometry.se2 import SE2
+from rendezvous.rendering.appearance.textures import KINDS, texture_key
+from rendezvous.rendering.draws import PoseDraws
+from rendezvous.rendering.plan_scene import plan_meshes
+from rendezvous.rendering.randomise import (
     ROBOT,
     RobotLooks,
     camera_tilt,
@@ -22,12 +22,12 @@ from pipeline.rendering.randomise import (
     robot_looks,
     room_scene,
 )
-from pipeline.rendering.room_looks import draw_room_looks
-from pipeline.rendering.scene import Material
-from pipeline.rendering.textures import KINDS, texture_key
-from pipeline.rendering.thing_meshes import thing_meshes
-from pipeline.rendering.viewpoints import draw_meeting, furnished_plan
-from pipeline.robot_file import load_robot
+from rendezvous.rendering.room_looks import draw_room_looks
+from rendezvous.rendering.scene import Material
+from rendezvous.rendering.thing_meshes import thing_meshes
+from rendezvous.rendering.viewpoints import draw_meeting, furnished_plan
+from rendezvous.robot_file import load_robot
+
 from tests.floorplan.plans import generated, plan_of
 
 BURGER = load_robot("burger")

@@ -4,9 +4,8 @@ from enum import StrEnum
 
 import numpy as np
 import pytest
-
-from pipeline.rendering.record import plain
-from pipeline.rendering.scene import Material
+from rendezvous.rendering.record import plain
+from rendezvous.rendering.scene import Material
 
 
 class _Kind(StrEnum):

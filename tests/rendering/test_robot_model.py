@@ -7,19 +7,18 @@ import mujoco
 import numpy as np
 import pytest
 import trimesh
-from trimesh.visual.material import PBRMaterial
-
-from pipeline.errors import ConfigError
-from pipeline.rendering.robot_model import (
+from rendezvous.errors import ConfigError
+from rendezvous.rendering.robot_model import (
     check_inside_cuboid,
     creased_mesh,
     part_material,
     robot_glb,
     robot_parts,
 )
-from pipeline.rendering.scene import Material
-from pipeline.robot_file import ROBOTS, load_robot
-from pipeline.simulation.robot import Cuboid
+from rendezvous.rendering.scene import Material
+from rendezvous.robot_file import ROBOTS, load_robot
+from rendezvous.simulation.robot import Cuboid
+from trimesh.visual.material import PBRMaterial
 
 BURGER = ROBOTS / "burger"
 BLUE = Material(base_colour_rgb=(0.1, 0.2, 0.7), metallic=0.25, roughness=0.4)

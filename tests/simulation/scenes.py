@@ -5,11 +5,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-
-from pipeline.floorplan.records import Shape, Solid
-from pipeline.geometry.se2 import Array
-from pipeline.robot_file import load_robot
-from pipeline.simulation.robot import RobotSpec
+from rendezvous.floorplan.records import Shape, Solid
+from rendezvous.geometry.se2 import Array
+from rendezvous.robot_file import load_robot
+from rendezvous.simulation.robot import RobotSpec
 
 
 def burger() -> RobotSpec:

@@ -7,13 +7,13 @@ import mujoco
 import numpy as np
 import pytest
 from pytest import approx
+from rendezvous.floorplan.records import Solid
+from rendezvous.geometry.se2 import SE2, Array
+from rendezvous.simulation.drive import TICK_S, Encoder, OdometryNoise, Physics
+from rendezvous.simulation.nearby import Nearby
+from rendezvous.simulation.world import Drive, scene_mjcf
+from rendezvous.slam.odometry import WheelOdometry
 
-from pipeline.floorplan.records import Solid
-from pipeline.geometry.se2 import SE2, Array
-from pipeline.simulation.drive import TICK_S, Encoder, OdometryNoise, Physics
-from pipeline.simulation.nearby import Nearby
-from pipeline.simulation.world import Drive, scene_mjcf
-from pipeline.slam.odometry import WheelOdometry
 from tests.simulation.scenes import burger, pole, wall
 
 

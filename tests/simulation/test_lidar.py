@@ -3,13 +3,13 @@ import math
 import mujoco
 import numpy as np
 from pytest import approx
+from rendezvous.floorplan.records import Floorplan, Shape
+from rendezvous.floorplan.walls import lidar_outline
+from rendezvous.geometry.se2 import SE2, Array
+from rendezvous.simulation.lidar import LidarNoise, beam_bearings, noisy_ranges
+from rendezvous.simulation.rays import cast_rays, ray_scene
+from rendezvous.simulation.world import scene_mjcf
 
-from pipeline.floorplan.records import Floorplan, Shape
-from pipeline.floorplan.walls import lidar_outline
-from pipeline.geometry.se2 import SE2, Array
-from pipeline.simulation.lidar import LidarNoise, beam_bearings, noisy_ranges
-from pipeline.simulation.rays import cast_rays, ray_scene
-from pipeline.simulation.world import scene_mjcf
 from tests.simulation.scenes import burger, pole, room_segments, wall
 
 NO_CIRCLES = np.zeros((0, 3))

@@ -1,8 +1,7 @@
 import math
 
 from pytest import approx
-
-from pipeline.slam.odometry import WheelOdometry
+from rendezvous.slam.odometry import WheelOdometry
 
 
 def test_equal_wheels_go_straight() -> None:

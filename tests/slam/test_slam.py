@@ -5,16 +5,16 @@ from typing import Any
 import numpy as np
 import pytest
 from pytest import approx
+from rendezvous.errors import ConfigError
+from rendezvous.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN
+from rendezvous.geometry.se2 import Array
+from rendezvous.simulation.lidar import beam_bearings
+from rendezvous.simulation.rays import cast_rays, ray_scene
+from rendezvous.slam.mapping import MappingParameters, OccupancyMapper
+from rendezvous.slam.scan_match import MatchParameters, match_scan, scan_normals
+from rendezvous.slam.slam import Slam, SlamParameters, Sweep, compose, deskew, open_space, relative
+from rendezvous.slam.surface_map import SurfaceMap
 
-from pipeline.errors import ConfigError
-from pipeline.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN
-from pipeline.geometry.se2 import Array
-from pipeline.simulation.lidar import beam_bearings
-from pipeline.simulation.rays import cast_rays, ray_scene
-from pipeline.slam.mapping import MappingParameters, OccupancyMapper
-from pipeline.slam.scan_match import MatchParameters, match_scan, scan_normals
-from pipeline.slam.slam import Slam, SlamParameters, Sweep, compose, deskew, open_space, relative
-from pipeline.slam.surface_map import SurfaceMap
 from tests.simulation.scenes import burger, room_segments
 
 LIDAR = burger().lidar

@@ -3,13 +3,13 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from rendezvous.errors import ConfigError, FloorplanError
+from rendezvous.robot_file import ROBOTS
+from rendezvous.schema import EXPLORE
+from rendezvous.stages.explore import explore
+from rendezvous.stages.floorplans import floorplans
+from rendezvous.stages.meshes import meshes
 
-from pipeline.errors import ConfigError, FloorplanError
-from pipeline.robot_file import ROBOTS
-from pipeline.schema import EXPLORE
-from pipeline.stages.explore import explore
-from pipeline.stages.floorplans import floorplans
-from pipeline.stages.meshes import meshes
 from tests.conftest import MakeRun
 
 ONE_PLAN = (

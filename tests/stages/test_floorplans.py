@@ -11,15 +11,15 @@ import tracemalloc
 from pathlib import Path
 
 import pytest
+from rendezvous.engine.run import Run
+from rendezvous.errors import ConfigError, FloorplanError
+from rendezvous.floorplan.houseexpo import to_houseexpo
+from rendezvous.floorplan.validate import start_regions, validated
+from rendezvous.interop.houseexpo_files import plan_files
+from rendezvous.plan_schema import plan_of
+from rendezvous.stages.floorplans import floorplans
+from rendezvous.store.read import StageReader
 
-from pipeline.engine import Run
-from pipeline.errors import ConfigError, FloorplanError
-from pipeline.floorplan.houseexpo import to_houseexpo
-from pipeline.floorplan.validate import start_regions, validated
-from pipeline.interop.houseexpo_files import plan_files
-from pipeline.plan_schema import plan_of
-from pipeline.stages.floorplans import floorplans
-from pipeline.store.read import StageReader
 from tests.conftest import MakeRun
 from tests.toy_stage import folder_content
 

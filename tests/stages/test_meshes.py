@@ -10,14 +10,14 @@ import mujoco
 import numpy as np
 import pytest
 import trimesh
+from rendezvous.commands.export.plan import export_floorplans, export_plan
+from rendezvous.engine.run import Run
+from rendezvous.errors import FloorplanError, StoreError
+from rendezvous.floorplan.walls import wall_boxes
+from rendezvous.plan_schema import plan_of, solids_of
+from rendezvous.stages.floorplans import floorplans
+from rendezvous.stages.meshes import meshes
 
-from pipeline.engine import Run
-from pipeline.errors import FloorplanError, StoreError
-from pipeline.floorplan.walls import wall_boxes
-from pipeline.plan_schema import plan_of, solids_of
-from pipeline.stages.export import export_floorplans, export_plan
-from pipeline.stages.floorplans import floorplans
-from pipeline.stages.meshes import meshes
 from tests.conftest import ROOT, MakeRun
 
 SMALL = [

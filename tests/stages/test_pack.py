@@ -11,14 +11,14 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from rendezvous.engine.run import Task, part_name
+from rendezvous.errors import SplitError, StoreError
+from rendezvous.schema import PAIRS, POSES, VIEWS
+from rendezvous.splits import SPLITS
+from rendezvous.stages.pack import LAYOUT, pack
+from rendezvous.store.records import Inputs
+from rendezvous.store.write import StageWriter
 
-from pipeline.engine import Task, part_name
-from pipeline.errors import SplitError, StoreError
-from pipeline.schema import PAIRS, POSES, VIEWS
-from pipeline.splits import SPLITS
-from pipeline.stages.pack import LAYOUT, pack
-from pipeline.store.records import Inputs
-from pipeline.store.write import StageWriter
 from tests.synthetic_dataset import (
     PARAMETERS,
     PLANS,

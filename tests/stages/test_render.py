@@ -11,21 +11,21 @@ import numpy as np
 import pytest
 import trimesh
 import yaml
+from rendezvous.errors import ConfigError, SetupError, StoreError
+from rendezvous.geometry.cuboid import pose_from_cuboid
+from rendezvous.geometry.se2 import SE2
+from rendezvous.rendering.opengl.gl import check_libraries, renderer_name
+from rendezvous.rendering.robot_model import robot_glb
+from rendezvous.rendering.scene import Material
+from rendezvous.robot_file import ROBOTS, load_robot
+from rendezvous.schema import EXPLORE, POSES, VIEWS
+from rendezvous.stages.dataset.photos import photo_folder
+from rendezvous.stages.explore import explore
+from rendezvous.stages.floorplans import floorplans
+from rendezvous.stages.meshes import meshes
+from rendezvous.stages.render import render
+from rendezvous.store.read import StageReader
 
-from pipeline.errors import ConfigError, SetupError, StoreError
-from pipeline.geometry.cuboid import pose_from_cuboid
-from pipeline.geometry.se2 import SE2
-from pipeline.rendering.gl import check_libraries, renderer_name
-from pipeline.rendering.robot_model import robot_glb
-from pipeline.rendering.scene import Material
-from pipeline.robot_file import ROBOTS, load_robot
-from pipeline.schema import EXPLORE, POSES, VIEWS
-from pipeline.stages.explore import explore
-from pipeline.stages.floorplans import floorplans
-from pipeline.stages.meshes import meshes
-from pipeline.stages.photos import photo_folder
-from pipeline.stages.render import render
-from pipeline.store.read import StageReader
 from tests.conftest import MakeRun, run_in
 
 ONE_PLAN = (

@@ -14,18 +14,18 @@ from pathlib import Path
 
 import pytest
 import torch
+from rendezvous.cli.__main__ import app
+from rendezvous.errors import ConfigError, PipelineError, StoreError
+from rendezvous.stages.pack import pack
+from rendezvous.stages.train import train
+from rendezvous.stages.training.train_record import CHECKPOINT, CURVE, WEIGHTS
+from rendezvous.store.disk import Disk
+from rendezvous.training.checkpoint import fit_weights_in_place, read_checkpoint, retold
+from rendezvous.training.frame_error.registry import rebuilt_model
+from rendezvous.training.parameters import Sampling
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 from typer.testing import CliRunner
 
-from pipeline.cli import app
-from pipeline.errors import ConfigError, PipelineError, StoreError
-from pipeline.stages.pack import pack
-from pipeline.stages.train import train
-from pipeline.stages.train_record import CHECKPOINT, CURVE, WEIGHTS
-from pipeline.store.disk import Disk
-from pipeline.training.checkpoint import fit_weights_in_place, read_checkpoint, retold
-from pipeline.training.parameters import Sampling
-from pipeline.training.registry import rebuilt_model
 from tests.conftest import ROOT, run_in
 from tests.synthetic_dataset import explored, synthetic_run
 
@@ -83,7 +83,7 @@ def test_training_writes_weights_a_curve_and_events_and_says_on_what(data: Path,
 
 
 def test_how_fast_it_goes_and_how_long_it_will_take_is_told(data: Path, tmp_path: Path, monkeypatch):
-    monkeypatch.setattr("pipeline.stages.train_record.LINE_EVERY_S", 0.0)
+    monkeypatch.setattr("rendezvous.stages.training.train_record.LINE_EVERY_S", 0.0)
     told = re.findall(
         r"train cnn-lie: (\d+) samples, [\d.]+/s, loss [\d.e+-]+, (\d+) % done, about (\d+) s left",
         trained(data, tmp_path),
@@ -240,7 +240,7 @@ def test_a_run_killed_at_any_time_goes_on_to_the_same_curve(data: Path, tmp_path
     trained(data, whole, *sets)
     words = [word for item in sets for word in ("--set", item)]
     process = subprocess.Popen(
-        [sys.executable, "-m", "pipeline.cli", *command(data, killed, *words)],
+        [sys.executable, "-m", "rendezvous.cli", *command(data, killed, *words)],
         cwd=ROOT,
         stderr=subprocess.DEVNULL,
         start_new_session=True,
@@ -263,7 +263,7 @@ def test_two_processes_find_what_one_finds_in_batches_twice_as_large(data: Path,
     sets = ("--set", "train.optimisation={precision: fp32}", "--set", "train.samples=64")
     torchrun = [sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc-per-node", "2"]
     both = subprocess.run(
-        [*torchrun, "-m", "pipeline.cli", *command(data, tmp_path / "two", *sets)],
+        [*torchrun, "-m", "rendezvous.cli", *command(data, tmp_path / "two", *sets)],
         cwd=ROOT,
         capture_output=True,
         text=True,
@@ -301,8 +301,8 @@ def test_a_matcher_is_calibrated_when_its_training_ends(data, tmp_path, monkeypa
 
     fine = "train.sampling={window_cells: 96, window_cell_m: 0.05}"
     assert "calibrate: left out" in said("few", fine)
-    monkeypatch.setattr("pipeline.stages.train.LEAST_PAIRS", 1)
-    monkeypatch.setattr("pipeline.stages.calibrate.LEAST_PAIRS", 1)
+    monkeypatch.setattr("rendezvous.stages.train.LEAST_PAIRS", 1)
+    monkeypatch.setattr("rendezvous.stages.training.calibrate.LEAST_PAIRS", 1)
     coarse = "train.sampling={window_cells: 48, window_cell_m: 0.4}"
     assert "trained on cells of 0.4 m; it takes 0.05 m" in said("coarse", coarse)
     assert "calibrate: on " in said("out", fine)

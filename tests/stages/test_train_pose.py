@@ -13,19 +13,19 @@ from pathlib import Path
 import pytest
 import safetensors.torch
 import torch
+from rendezvous.cli.__main__ import app
+from rendezvous.errors import ConfigError, PipelineError, StoreError
+from rendezvous.models.relative_pose import RelativePoseConfig, RelativePoseNet
+from rendezvous.stages.pack import pack
+from rendezvous.stages.train_pose import train_pose
+from rendezvous.stages.training.train_record import CHECKPOINT, CURVE, WEIGHTS
+from rendezvous.store.read import StageReader
+from rendezvous.training.checkpoint import fit_weights_in_place, read_checkpoint
+from rendezvous.training.relative_pose.model import PoseModel
+from rendezvous.training.relative_pose.poses import poses_per_split
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 from typer.testing import CliRunner
 
-from pipeline.cli import app
-from pipeline.errors import ConfigError, PipelineError, StoreError
-from pipeline.models.relative_pose import RelativePoseConfig, RelativePoseNet
-from pipeline.stages.pack import pack
-from pipeline.stages.train_pose import train_pose
-from pipeline.stages.train_record import CHECKPOINT, CURVE, WEIGHTS
-from pipeline.store.read import StageReader
-from pipeline.training.checkpoint import fit_weights_in_place, read_checkpoint
-from pipeline.training.pose_model import PoseModel
-from pipeline.training.poses import poses_per_split
 from tests.conftest import ROOT, run_in
 from tests.synthetic_dataset import POSE_ROWS, explored, rendered, synthetic_run
 
@@ -181,9 +181,9 @@ def test_a_truncated_checkpoint_is_told(data: Path, tmp_path: Path):
 
 def test_weights_are_calibrated_when_training_ends(data: Path, tmp_path: Path, monkeypatch):
     calls = []
-    monkeypatch.setattr("pipeline.stages.train_pose.LEAST_ROWS", 1)
+    monkeypatch.setattr("rendezvous.stages.train_pose.LEAST_ROWS", 1)
     monkeypatch.setattr(
-        "pipeline.stages.train_pose.calibrate_pose",
+        "rendezvous.stages.train_pose.calibrate_pose",
         lambda weights, dataset, **options: calls.append((weights.is_file(), weights, dataset)),
     )
     assert "calibrate: left out" not in trained(data, tmp_path, "train_pose.samples=8")
@@ -191,14 +191,14 @@ def test_weights_are_calibrated_when_training_ends(data: Path, tmp_path: Path, m
 
 
 def test_a_network_that_finds_too_few_robots_is_left_uncalibrated(data: Path, tmp_path: Path, monkeypatch):
-    monkeypatch.setattr("pipeline.stages.train_pose.LEAST_ROWS", 1)
+    monkeypatch.setattr("rendezvous.stages.train_pose.LEAST_ROWS", 1)
     said = trained(data, tmp_path, "train_pose.samples=8")
     assert "calibrate: left out, " in said
     assert (tmp_path / WEIGHTS).is_file()
 
 
 def test_a_network_of_images_that_no_robot_takes_is_left_uncalibrated(tmp_path: Path, monkeypatch):
-    monkeypatch.setattr("pipeline.stages.train_pose.LEAST_ROWS", 1)
+    monkeypatch.setattr("rendezvous.stages.train_pose.LEAST_ROWS", 1)
     freely = {"mode": "free", "T_r0_c": None, "T_r0_c_true": None}
     explored(tmp_path)
     poses = [[row | freely for row in plan] for plan in POSE_ROWS]
@@ -217,7 +217,7 @@ def test_a_run_killed_at_any_time_goes_on_to_the_same_curve(data: Path, tmp_path
     trained(data, whole, *sets)
     words = [word for item in sets for word in ("--set", item)]
     process = subprocess.Popen(
-        [sys.executable, "-m", "pipeline.cli", *command(data, killed, *words)],
+        [sys.executable, "-m", "rendezvous.cli", *command(data, killed, *words)],
         cwd=ROOT,
         stderr=subprocess.DEVNULL,
         start_new_session=True,

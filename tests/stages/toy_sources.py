@@ -8,12 +8,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-
-from pipeline.geometry.camera import PinholeCamera, se3_from_se2
-from pipeline.geometry.se2 import SE2, Array
-from pipeline.pose_estimation.look import Image
-from pipeline.pose_estimation.relative_pose import ImagePoseEstimator, PoseMode, RelativePose
-from pipeline.stages.seen_images import SeenImage
+from rendezvous.geometry.camera import PinholeCamera, se3_from_se2
+from rendezvous.geometry.se2 import SE2, Array
+from rendezvous.pose_estimation.look import Image
+from rendezvous.pose_estimation.relative_pose import ImagePoseEstimator, PoseMode, RelativePose
+from rendezvous.stages.training.seen_images import SeenImage
 
 
 def _seen(pixels: Image) -> str:

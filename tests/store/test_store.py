@@ -10,14 +10,13 @@ from pathlib import Path
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-
-from pipeline.errors import StoreError
-from pipeline.store.disk import Disk
-from pipeline.store.parquet import Layout, parquet_bytes
-from pipeline.store.read import Item, StageReader, chunks
-from pipeline.store.records import Inputs, Manifest, Quarantined, Shard
-from pipeline.store.verify import stage_folders, verify
-from pipeline.store.write import StageWriter
+from rendezvous.errors import StoreError
+from rendezvous.store.disk import Disk
+from rendezvous.store.parquet import Layout, parquet_bytes
+from rendezvous.store.read import Item, StageReader, chunks
+from rendezvous.store.records import Inputs, Manifest, Quarantined, Shard
+from rendezvous.store.verify import stage_folders, verify
+from rendezvous.store.write import StageWriter
 
 LAYOUT = Layout(item_column="id", uncompressed=("blob",))
 

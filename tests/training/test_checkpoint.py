@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import pytest
 import torch
-
-from pipeline.errors import ConfigError, StoreError
-from pipeline.training.checkpoint import (
+from rendezvous.errors import ConfigError, StoreError
+from rendezvous.training.checkpoint import (
     checkpoint_bytes,
     fit_weights_in_place,
     read_checkpoint,
     restore_in_place,
     weights_bytes,
 )
-from pipeline.training.curve import FrameErrorPoint
-from pipeline.training.loop import TrainingState
-from pipeline.training.parameters import Optimisation
+from rendezvous.training.curve import FrameErrorPoint
+from rendezvous.training.loop import TrainingState
+from rendezvous.training.parameters import Optimisation
+
 from tests.training.tiny import TinyModel, tiny_model
 
 POINT = FrameErrorPoint(
@@ -89,7 +89,7 @@ def test_weights_that_do_not_fit_are_told_with_the_first_that_differs(state: Tra
 
 
 def test_weights_of_another_format_are_told(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr("pipeline.training.checkpoint._FORMAT", 1)
+    monkeypatch.setattr("rendezvous.training.checkpoint._FORMAT", 1)
     old = weights_bytes(TrainingState.fresh(tiny_model(), Optimisation()), {"model": "tiny"})
     monkeypatch.undo()
     with pytest.raises(StoreError, match="format 1; must be 2"):

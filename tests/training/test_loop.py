@@ -7,16 +7,16 @@ import math
 import numpy as np
 import pytest
 import torch
+from rendezvous.errors import ConfigError
+from rendezvous.training.batches import training_loader
+from rendezvous.training.checkpoint import checkpoint_bytes, read_checkpoint, restore_in_place
+from rendezvous.training.frame_error.data import TrainingBatches
+from rendezvous.training.frame_error.pairs import PairTable
+from rendezvous.training.loop import TrainingState, fit
+from rendezvous.training.optimiser import adamw, averaged_copy, learning_rate, update_average
+from rendezvous.training.parameters import Budget, Optimisation
+from rendezvous.training.processes import Processes
 
-from pipeline.errors import ConfigError
-from pipeline.training.batches import training_loader
-from pipeline.training.checkpoint import checkpoint_bytes, read_checkpoint, restore_in_place
-from pipeline.training.data import TrainingBatches
-from pipeline.training.loop import TrainingState, fit
-from pipeline.training.optimiser import adamw, averaged_copy, learning_rate, update_average
-from pipeline.training.pairs import PairTable
-from pipeline.training.parameters import Budget, Optimisation
-from pipeline.training.processes import Processes
 from tests.training.tiny import SAMPLING, Losses, tiny_model
 
 SETTINGS = Optimisation(batch_size=4, learning_rate=1e-2)

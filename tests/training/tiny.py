@@ -7,13 +7,12 @@ from typing import Any
 
 import pytest
 import torch
+from rendezvous.training.frame_error.data import Batch
+from rendezvous.training.loop import Step, TrainingState
+from rendezvous.training.model import FrameErrorModel
+from rendezvous.training.parameters import Sampling
 from torch import Tensor, nn
 from torch.nn import functional
-
-from pipeline.training.data import Batch
-from pipeline.training.loop import Step, TrainingState
-from pipeline.training.model import FrameErrorModel
-from pipeline.training.parameters import Sampling
 
 SAMPLING = Sampling(window_cells=48, window_cell_m=0.4)
 

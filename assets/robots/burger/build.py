@@ -13,14 +13,13 @@ from pathlib import Path
 
 import numpy as np
 import shapely
+from rendezvous.geometry.se2 import SE2
+from rendezvous.rendering.robot_model import SolidParts, at, robot_glb
+from rendezvous.rendering.scene import Material
+from rendezvous.robot_file import load_robot
+from rendezvous.simulation.robot import RobotSpec
+from rendezvous.simulation.world import scene_mjcf
 from shapely import affinity
-
-from pipeline.geometry.se2 import SE2
-from pipeline.rendering.robot_model import SolidParts, at, robot_glb
-from pipeline.rendering.scene import Material
-from pipeline.robot_file import load_robot
-from pipeline.simulation.robot import RobotSpec
-from pipeline.simulation.world import scene_mjcf
 
 HERE = Path(__file__).parent
 

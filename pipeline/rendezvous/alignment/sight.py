@@ -1,0 +1,61 @@
+"""What lies open before a robot: a place from which another robot was seen has no wall before it.
+
+Of a sighting each map knows where its own robot stood. In the right alignment the two robots stand where
+nothing is, and neither map has a wall between them.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numba as nb
+import numpy as np
+
+from rendezvous.geometry.occupancy_grid import Cells, Mask
+
+HIDDEN_CELL, OPEN_CELL, ROBOT_CELL = 0, 1, 2
+"""Values of cells: behind a wall or far away; in sight of the robot; under it."""
+
+RANGE_M = 5.0
+"""As far as robots are seen."""
+ROBOT_RADIUS_M = 0.1
+
+
+def seen_from(
+    occupied: Mask, robot_m: tuple[float, float], *, cell_m: float, range_m: float = RANGE_M
+) -> Cells:
+    """(N, N) uint8: the robot, and the cells to which it has a line of sight, known or not.
+
+    Args:
+        occupied: (N, N) what stops the eye, in a window's cells.
+        robot_m: x, y in the window frame [m]; outside the window nothing is marked.
+        cell_m: side of a cell [m].
+        range_m: how far the robot sees [m].
+    """
+    out = np.zeros(occupied.shape, np.uint8)
+    half = 0.5 * len(occupied)
+    col, row = robot_m[0] / cell_m + half, robot_m[1] / cell_m + half
+    _look_in_place(out, occupied, col, row, range_m / cell_m, ROBOT_RADIUS_M / cell_m)
+    return out
+
+
+@nb.njit(cache=True)
+def _look_in_place(out: Cells, occupied: Mask, col: float, row: float, reach: float, radius: float) -> None:
+    """Rays to all sides in half-cell steps; their ends lie less than a cell apart."""
+    size = out.shape[0]
+    if not (0.0 <= col < size and 0.0 <= row < size):
+        return
+    rays = math.ceil(2.0 * math.pi * reach)
+    for ray in range(rays):
+        c, s = math.cos(2.0 * math.pi * ray / rays), math.sin(2.0 * math.pi * ray / rays)
+        for step in range(math.floor(2.0 * reach) + 1):
+            x, y = col + 0.5 * step * c, row + 0.5 * step * s
+            if not (0.0 <= x < size and 0.0 <= y < size):
+                break
+            if 0.5 * step > radius and occupied[int(y), int(x)]:
+                break
+            out[int(y), int(x)] = OPEN_CELL
+    for y in range(max(0, math.floor(row - radius)), min(size, math.ceil(row + radius))):
+        for x in range(max(0, math.floor(col - radius)), min(size, math.ceil(col + radius))):
+            if math.hypot(x + 0.5 - col, y + 0.5 - row) <= radius:
+                out[y, x] = ROBOT_CELL

@@ -1,0 +1,77 @@
+"""All evaluations that can run, one after the other, into one report."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+from rendezvous.commands.evaluate.frame_error import Evaluation, evaluate
+from rendezvous.commands.evaluate.fusion import FusionEvaluation, evaluate_fusion
+from rendezvous.commands.evaluate.relative_pose import PoseEvaluation, evaluate_pose
+from rendezvous.errors import ConfigError, PipelineError
+from rendezvous.stages.weights.pose_source import PoseSource
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EveryEvaluation:
+    """What to measure.
+
+    Attributes:
+        dataset: folder that `pack` wrote.
+        split: of it.
+        count: at most so many pairs, and as many images; None for all pairs and 1,000 images.
+        folder: of the report.
+        workers: processes.
+        source: what makes the estimator of the relative pose, instead of weights.
+        console: where to tell.
+    """
+
+    dataset: str = "data/dataset"
+    split: str = "test"
+    count: int | None = None
+    folder: Path = Path("report")
+    workers: int = 1
+    source: PoseSource | None = None
+    console: Console = field(default_factory=lambda: Console(stderr=True))
+
+
+def evaluate_all(settings: EveryEvaluation) -> Path:
+    """Run every evaluation for which there are data and weights; tell what is left out, and why.
+
+    Returns:
+        The page.
+
+    Raises:
+        ConfigError: none of them can run.
+    """
+    common: dict[str, Any] = {
+        "dataset": settings.dataset,
+        "split": settings.split,
+        "folder": settings.folder,
+        "workers": settings.workers,
+        "console": settings.console,
+    }
+    posed = {**common, "source": settings.source}
+    evaluations: dict[str, Callable[[], Path]] = {
+        "relative pose": lambda: evaluate_pose(PoseEvaluation(count=settings.count or 1000, **posed)),
+        "frame error": lambda: evaluate(Evaluation(count=settings.count, **common)),
+        "fusion": lambda: evaluate_fusion(FusionEvaluation(count=settings.count, **posed)),
+    }
+    pages = [page for name, run in evaluations.items() if (page := _page(name, run, settings.console))]
+    if not pages:
+        raise ConfigError("no evaluation could run; what each of them lacks is told above")
+    return pages[-1]
+
+
+def _page(name: str, run: Callable[[], Path], console: Console) -> Path | None:
+    """The page; None if that evaluation cannot run here, which is told."""
+    try:
+        return run()
+    except PipelineError as error:
+        told = " ".join(str(error).split())
+        console.print(f"left out: {name}: {told}", highlight=False, markup=False, soft_wrap=True)
+        return None

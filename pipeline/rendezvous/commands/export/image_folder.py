@@ -1,0 +1,120 @@
+"""A folder of numbered images, as other programs want them, filled from the published dataset."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from itertools import chain, islice
+from pathlib import Path
+
+from rich.console import Console
+
+from rendezvous.commands.export.dataset_images import LabelledImage, PublishedSplit
+from rendezvous.engine.progress import meter
+from rendezvous.errors import StoreError
+
+BATCH_IMAGES = 64
+
+LARGEST_COUNT = 10**6
+"""Names have six digits."""
+
+_NUMBERED = re.compile(r"(\d{6})\.(png|json)")
+
+
+def numbered(number: int) -> str:
+    """The name of an image's files, without suffix."""
+    return f"{number:06d}"
+
+
+def check_room(folder: Path, images: int) -> None:
+    """See that so many images can be numbered in a folder, and that no other ones would be left there.
+
+    Raises:
+        StoreError: there are too many, or files of an earlier export that this one would not replace.
+    """
+    if images > LARGEST_COUNT:
+        raise StoreError(
+            f"{folder}: {images} images; at most {LARGEST_COUNT} go into one folder, so set --count"
+        )
+    try:
+        names = sorted(path.name for path in folder.iterdir()) if folder.exists() else []
+    except OSError as error:
+        raise StoreError(_unwritable(folder, error)) from error
+    for name in names:
+        match = _NUMBERED.fullmatch(name)
+        if match and int(match[1]) >= images:
+            raise StoreError(
+                f"{folder / name}: left by an export of more than the {images} images of this one; "
+                "empty the folder, or name another with --out"
+            )
+
+
+def written_images(
+    splits: Sequence[PublishedSplit],
+    count: int,
+    write: Callable[[int, LabelledImage], None],
+    *,
+    console: Console,
+    keep: Callable[[LabelledImage], bool] = lambda image: True,
+) -> Iterator[tuple[int, LabelledImage]]:
+    """Call `write` with every image and its number, and give both when they are written, in order.
+
+    Args:
+        splits: where the images are.
+        count: at most so many of each split.
+        write: writes one image's files; called on several threads, as coding images lets others run.
+        console: where progress is shown.
+        keep: tells which images to write; they are numbered without gaps.
+    """
+    total = sum(min(count, split.rows) for split in splits)
+    images = chain.from_iterable(islice(split.images(), count) for split in splits)
+    start = 0
+    with (
+        meter(
+            "export", total=-(-total // BATCH_IMAGES), console=console, parts="batches", rows="images"
+        ) as report,
+        ThreadPoolExecutor(len(os.sched_getaffinity(0))) as threads,
+    ):
+        while batch := list(islice(images, BATCH_IMAGES)):
+            kept = [image for image in batch if keep(image)]
+            numbers = range(start, start + len(kept))
+            list(threads.map(write, numbers, kept))
+            yield from zip(numbers, kept, strict=True)
+            start += len(kept)
+            report.advance(len(kept), made=True)
+
+
+def write_file(path: Path, content: bytes) -> None:
+    """Write a file so that it is there wholly or not at all.
+
+    Raises:
+        StoreError: it cannot be written.
+    """
+    temporary = path.with_name(f"{path.name}.tmp-{os.getpid()}")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            temporary.write_bytes(content)
+            temporary.replace(path)
+        finally:
+            temporary.unlink(missing_ok=True)
+    except OSError as error:
+        raise StoreError(_unwritable(path, error)) from error
+
+
+def remove_file(path: Path) -> None:
+    """Remove a file if it is there.
+
+    Raises:
+        StoreError: it cannot be removed.
+    """
+    try:
+        path.unlink(missing_ok=True)
+    except OSError as error:
+        raise StoreError(_unwritable(path, error)) from error
+
+
+def _unwritable(path: Path, error: OSError) -> str:
+    return f"{path}: cannot be written ({(error.strerror or str(error)).lower()}); --out names a folder"

@@ -1,0 +1,253 @@
+"""Fuse two maps: read what is given, find where one robot saw the other, call the system."""
+
+from __future__ import annotations
+
+import math
+import time
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from rendezvous.commands.fuse.inputs import (
+    CameraLike,
+    ImageLike,
+    MapLike,
+    Photograph,
+    mounting,
+    read_camera,
+    read_map,
+    read_photograph,
+)
+from rendezvous.errors import ConfigError, SetupError
+from rendezvous.fusion.meeting import Meeting
+from rendezvous.fusion.merge import Merging
+from rendezvous.fusion.refinement import Refinement, Refiner, correlative_refiner, matcher_refiner
+from rendezvous.fusion.sighted_pose import SightedPose, sighted_pose
+from rendezvous.fusion.system import FusionResult, fuse_maps
+from rendezvous.geometry.camera import PinholeCamera
+from rendezvous.geometry.cuboid import Vec3
+from rendezvous.geometry.se2 import SE2, Array
+from rendezvous.pose_estimation.relative_pose import ImagePoseEstimator, RelativePose
+from rendezvous.robot_file import load_robot
+from rendezvous.simulation.robot import RobotSpec
+from rendezvous.stages.weights.estimators import Method, chosen_methods, trained
+from rendezvous.stages.weights.pose_source import PoseWeights, require_known_robot
+
+MOST_SIGMA = 1000.0
+"""Whoever knows a pose no better than this [m, m, rad] does not know it."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FuseRequest:
+    """What is to be fused, by what.
+
+    Attributes:
+        maps: YAML files of ROS maps, or grids, of robot 0 and robot 1.
+        T_m0_r0, T_m1_r1: where each robot stood in its own map when robot 0 saw robot 1.
+        images: of that sighting, taken by robot 0; none where the relative pose is given.
+        camera: that took them: a camera_info file, with or without distortion, or a camera.
+        camera_pose: x, y, z [m], roll, pitch, yaw [rad] of its body on robot 0; None: as on `robot`.
+        robot: what kind both robots are.
+        T_r0_r1: the relative pose, where it is known by other means.
+        relative_sigma: standard deviations of x [m], y [m], yaw [rad] of that; None: not known.
+        refine: how the maps refine it.
+        merge: how the aligned maps become one.
+        strict: keep to a map's thresholds also where they make its unknown cells free.
+        pose_estimator: reads the images; None: the trained one.
+    """
+
+    maps: tuple[MapLike, MapLike]
+    T_m0_r0: SE2
+    T_m1_r1: SE2
+    images: Sequence[ImageLike] = ()
+    camera: CameraLike | None = None
+    camera_pose: tuple[float, ...] | None = None
+    robot: str = "burger"
+    T_r0_r1: SE2 | None = None
+    relative_sigma: tuple[float, float, float] | None = None
+    refine: Refinement = Refinement.AUTO
+    merge: Merging = Merging.OCCUPIED
+    strict: bool = False
+    pose_estimator: ImagePoseEstimator | None = None
+
+    def __post_init__(self) -> None:
+        if bool(self.images) == (self.T_r0_r1 is not None):
+            raise ConfigError("fuse: give either images of the sighting or the relative pose, and not both")
+        if self.images and self.camera is None:
+            raise ConfigError("fuse: an image needs the camera that took it")
+        if self.images and self.relative_sigma is not None:
+            raise ConfigError(
+                "fuse: a sigma is of a relative pose that is given; an image tells its own error"
+            )
+        if not self.images and (self.camera is not None or self.camera_pose is not None):
+            raise ConfigError("fuse: a camera and its pose are of images; a relative pose needs none")
+        if self.relative_sigma is not None and not all(
+            0.0 < sigma <= MOST_SIGMA for sigma in self.relative_sigma
+        ):
+            raise ConfigError(
+                f"fuse: relative sigma is {self.relative_sigma}; must be standard deviations above 0, "
+                f"at most {MOST_SIGMA:g}"
+            )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Fused:
+    """What came out.
+
+    Attributes:
+        request: what was asked.
+        meeting: maps and poses.
+        result: the fusion.
+        photographs: the images, undistorted.
+        poses: what was read from each.
+        camera: of the images; None where there are none.
+        cuboid_size_m: of the robot that is looked for.
+        weights: file and SHA-256 of each network that was used, by name.
+        seconds: that each part took.
+        warnings: what was found while reading.
+    """
+
+    request: FuseRequest
+    meeting: Meeting
+    result: FusionResult
+    photographs: tuple[Photograph, ...]
+    poses: tuple[RelativePose, ...]
+    camera: PinholeCamera | None
+    cuboid_size_m: Vec3
+    weights: dict[str, tuple[str, str]]
+    seconds: dict[str, float]
+    warnings: tuple[str, ...]
+
+
+@dataclass(slots=True)
+class _Clock:
+    """Times parts by name."""
+
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    @contextmanager
+    def part(self, name: str) -> Iterator[None]:
+        start = time.perf_counter()
+        yield
+        self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - start
+
+
+def fused(request: FuseRequest) -> Fused:
+    """Fuse two maps.
+
+    Raises:
+        MapError, CameraError, ConfigError, StoreError: what is given cannot be read or used.
+        SightingError: the robot is found in none of the images.
+        SetupError: PyTorch is needed and not installed.
+    """
+    clock = _Clock()
+    with warnings.catch_warnings(record=True) as caught, clock.part("read"):
+        warnings.simplefilter("always")
+        _warn_of_degrees(request)
+        grid_0, grid_1 = (read_map(given, strict=request.strict) for given in request.maps)
+        camera = read_camera(request.camera) if request.camera is not None and request.images else None
+        photographs = tuple(
+            read_photograph(given, camera, number=number)
+            for number, given in enumerate(request.images)
+            if camera is not None
+        )
+        robot = load_robot(request.robot)
+        T_r0_c = mounting(request.camera_pose, request.robot)
+    meeting = Meeting(grid_0=grid_0, grid_1=grid_1, T_m0_r0=request.T_m0_r0, T_m1_r1=request.T_m1_r1)
+    with clock.part("load"):
+        matcher = _matcher(request.refine)
+        refiner = _refiner(request.refine, matcher)
+        pose_weights = PoseWeights.found(None) if photographs and request.pose_estimator is None else None
+        estimator = _pose_estimator(request, robot, pose_weights) if photographs else None
+    poses = tuple[RelativePose, ...]()
+    if camera is not None and estimator is not None:
+        with clock.part("see"):
+            poses = tuple(estimator(shot.image, camera.camera, T_r0_c) for shot in photographs)
+    sighting = _sighting(request, poses)
+    result = fuse_maps(meeting, sighting, refiner, merge=request.merge, part=clock.part)
+    return Fused(
+        request=request,
+        meeting=meeting,
+        result=result,
+        photographs=photographs,
+        poses=poses,
+        camera=camera.camera if camera else None,
+        cuboid_size_m=robot.cuboid.size_m,
+        weights=_used(matcher, pose_weights),
+        seconds=clock.seconds,
+        warnings=tuple(str(w.message) for w in caught),
+    )
+
+
+def _warn_of_degrees(request: FuseRequest) -> None:
+    """A yaw may be unrolled, but one of more than a turn is more often meant in degrees."""
+    poses = ("pose 0", request.T_m0_r0), ("pose 1", request.T_m1_r1), ("relative pose", request.T_r0_r1)
+    angles = [(name, pose.yaw_rad) for name, pose in poses if pose is not None]
+    angles += [("camera pose", angle_rad) for angle_rad in (request.camera_pose or ())[3:]]
+    for name, angle_rad in angles:
+        if abs(angle_rad) > 2.0 * math.pi:
+            warnings.warn(
+                f"{name}: an angle is {angle_rad:g} rad, more than a turn; radians are meant, and "
+                f"{angle_rad:g}° are {math.radians(angle_rad):.4f} rad",
+                stacklevel=2,
+            )
+
+
+def _sighting(request: FuseRequest, poses: Sequence[RelativePose]) -> SightedPose:
+    if request.T_r0_r1 is None:
+        return sighted_pose(poses)
+    return SightedPose.given(request.T_r0_r1, _covariance(request.relative_sigma))
+
+
+def _covariance(sigma: tuple[float, float, float] | None) -> Array | None:
+    return None if sigma is None else np.diag(np.square(sigma))
+
+
+def _pose_estimator(
+    request: FuseRequest, robot: RobotSpec, weights: PoseWeights | None
+) -> ImagePoseEstimator:
+    """The one that is given, or the trained one, which knows one robot and no other."""
+    if weights is None:
+        assert request.pose_estimator is not None
+        return request.pose_estimator
+    require_known_robot(
+        weights.record(),
+        robot.cuboid.size_m,
+        robot.cuboid.T_r_o(),
+        weights=str(weights.path),
+        whose=repr(request.robot),
+        instead="give the relative pose",
+    )
+    return weights.estimator(floor=True)
+
+
+def _refiner(refine: Refinement, matcher: Method | None) -> Refiner | None:
+    if matcher is None:
+        return None if refine is Refinement.NONE else correlative_refiner
+    try:
+        estimator: Any = trained(matcher, threads=1).estimator
+    except SetupError as error:
+        raise SetupError(f"{error}; to refine by correlative search, or not at all, does without") from error
+    return matcher_refiner(estimator, with_prior=refine is Refinement.AUTO)
+
+
+def _matcher(refine: Refinement) -> Method | None:
+    """The matcher and its weights, if it is used; its own search is not: the refiner sets it."""
+    if not refine.needs_matcher:
+        return None
+    (method,) = chosen_methods(("matcher",), {}, xy_range_m=2.0, yaw_range_rad=math.pi / 4)
+    return method
+
+
+def _used(matcher: Method | None, pose_weights: PoseWeights | None) -> dict[str, tuple[str, str]]:
+    """File and SHA-256 of the networks' weights: those of `runs/`, or else the shipped ones."""
+    used = {}
+    if pose_weights is not None:
+        used["relative_pose"] = str(pose_weights.path), pose_weights.digest
+    if matcher is not None:
+        used["matcher"] = str(matcher.weights), matcher.weights_digest()
+    return used

@@ -1,0 +1,171 @@
+"""What `fuse` is given, read from files."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from rendezvous.errors import CameraError, ConfigError, MapError
+from rendezvous.geometry.camera import PinholeCamera, camera_pose
+from rendezvous.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
+from rendezvous.geometry.se2 import Array
+from rendezvous.interop.camera_info import CameraInfo, read_camera_info
+from rendezvous.interop.decoding import PNG_START, decoded, is_whole_png
+from rendezvous.interop.given_file import given_bytes
+from rendezvous.interop.ros_map import read_ros_map
+from rendezvous.pose_estimation.look import Image
+from rendezvous.robot_file import load_robot
+
+MapLike = str | Path | OccupancyGrid
+ImageLike = str | Path | Image
+CameraLike = str | Path | CameraInfo | PinholeCamera
+
+FOCAL_SHARES = 0.1, 20.0
+"""Focal lengths of lenses, of the image's side: a view of 157° to 3°."""
+
+_JPEG_START, _JPEG_END = b"\xff\xd8", b"\xff\xd9"
+_TAIL_BYTES = 1024
+"""So little may follow the end of a JPEG."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Photograph:
+    """An image as the pinhole camera sees it.
+
+    Attributes:
+        name: for messages and records.
+        image: (H, W, 3) uint8 RGB, free of distortion.
+    """
+
+    name: str
+    image: Image
+
+
+def read_map(given: MapLike, *, strict: bool) -> OccupancyGrid:
+    """A map of ROS, or the grid that is given.
+
+    Raises:
+        MapError: the file is missing or no map, or the grid's values are others than those of map_server.
+    """
+    if isinstance(given, OccupancyGrid):
+        others = given.cells[~np.isin(given.cells, (OCCUPIED, UNKNOWN, FREE))]
+        if others.size:
+            raise MapError(
+                f"a map is given with {others.size} cells of other values, as {others[0]}; must be "
+                f"{OCCUPIED} occupied, {UNKNOWN} unknown, {FREE} free"
+            )
+        return given
+    if not isinstance(given, str | Path):
+        raise MapError(f"a map is given as {type(given).__name__}; must be its YAML file or an OccupancyGrid")
+    return read_ros_map(Path(given), strict=strict)
+
+
+def read_camera(given: CameraLike) -> CameraInfo:
+    """A calibration of ROS, or the camera that is given; a pinhole camera has no distortion.
+
+    Raises:
+        CameraError: the file is missing or no calibration, or no lens has its focal lengths.
+    """
+    info = _camera_info(given)
+    camera = info.camera
+    for axis, focal_px, side_px in (
+        ("fx", camera.fx_px, camera.width_px),
+        ("fy", camera.fy_px, camera.height_px),
+    ):
+        low_px, high_px = (share * side_px for share in FOCAL_SHARES)
+        if not low_px <= focal_px <= high_px:
+            name = given if isinstance(given, str | Path) else "camera"
+            raise CameraError(
+                f"{name}: {axis} is {focal_px:g} px for an image of {side_px} px; must be from {low_px:g} to "
+                f"{high_px:g} px"
+            )
+    return info
+
+
+def _camera_info(given: CameraLike) -> CameraInfo:
+    if isinstance(given, CameraInfo):
+        return given
+    if isinstance(given, PinholeCamera):
+        return CameraInfo(camera=given, distortion_model="plumb_bob", distortion=())
+    if not isinstance(given, str | Path):
+        raise CameraError(
+            f"the camera is given as {type(given).__name__}; must be its camera_info file, a CameraInfo or a "
+            "PinholeCamera"
+        )
+    return read_camera_info(Path(given))
+
+
+def read_photograph(given: ImageLike, camera: CameraInfo, *, number: int) -> Photograph:
+    """An image, undistorted.
+
+    Args:
+        given: a file that OpenCV reads, or (H, W, 3) uint8 RGB.
+        camera: that took it.
+        number: of the image, for messages about an array.
+
+    Raises:
+        CameraError: it is no image, is cut short, or is not of the camera's size, or neither file nor array.
+    """
+    if isinstance(given, np.ndarray):
+        name, image = f"image {number}", given
+        if image.ndim != 3 or image.shape[2] != 3 or image.dtype != np.uint8:
+            raise CameraError(f"{name}: shape {image.shape}, {image.dtype}; must be (H, W, 3) uint8 RGB")
+    elif isinstance(given, str | Path):
+        name, image = str(given), _decoded(Path(given))
+    else:
+        raise CameraError(
+            f"image {number} is given as {type(given).__name__}; must be its file or (H, W, 3) uint8 RGB"
+        )
+    try:
+        return Photograph(name=name, image=np.ascontiguousarray(camera.undistorted(image)))
+    except CameraError as error:
+        raise CameraError(f"{name}: {error}") from error
+
+
+def _decoded(path: Path) -> Image:
+    try:
+        data = given_bytes(path)
+    except OSError as error:
+        raise CameraError(f"{path}: {(error.strerror or str(error)).lower()}; must be an image") from error
+    if not _whole(data):
+        raise CameraError(
+            f"{path}: the image is damaged, or cut short after {len(data)} bytes; copy it again"
+        )
+    image = decoded(data, cv2.IMREAD_COLOR_RGB)
+    if image is None:
+        raise CameraError(
+            f"{path}: {len(data)} bytes that are no image; must be PNG, JPEG or another that OpenCV reads"
+        )
+    return np.asarray(image, np.uint8)
+
+
+def _whole(data: bytes) -> bool:
+    """Whether a JPEG or PNG goes on to its end; OpenCV fills up what is missing of a JPEG."""
+    if data.startswith(_JPEG_START):
+        return _JPEG_END in data[-_TAIL_BYTES:]
+    return is_whole_png(data) if data.startswith(PNG_START) else True
+
+
+def mounting(camera_pose_xyzrpy: tuple[float, ...] | None, robot: str) -> Array:
+    """(4, 4) T_r0_c, pose of the camera's optical frame on robot 0.
+
+    Args:
+        camera_pose_xyzrpy: x, y, z [m], roll, pitch, yaw [rad] of the camera's body (x forward) on the robot;
+            None: as the robot's file has it.
+        robot: a shipped robot or a robot file.
+
+    Raises:
+        ConfigError: there is no such robot, or not six finite numbers.
+    """
+    if camera_pose_xyzrpy is None:
+        return load_robot(robot).camera.T_r_c()
+    values = np.array(camera_pose_xyzrpy, np.float64)
+    if values.shape != (6,) or not np.isfinite(values).all():
+        raise ConfigError(
+            f"camera pose is {camera_pose_xyzrpy}; must be six finite numbers, "
+            "x, y, z [m], roll, pitch, yaw [rad]"
+        )
+    return camera_pose(values[:3], values[3:])

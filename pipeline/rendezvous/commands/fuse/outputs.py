@@ -1,0 +1,283 @@
+"""What `fuse` leaves: the fused map for ROS, pictures, and a record of all that was found.
+
+`fused.yaml` and `fused.pgm` are the map in the frame of map 0, `fused.png` shows how the maps lie,
+`image.png` (of several `image_0.png`, ...) the robot that was found. `result.json` tells, lengths in metres,
+angles in radians, a pose as `x_m, y_m, yaw_rad`, null where something is not known:
+
+- `verdict`: `accepted` or `uncertain`; `reasons`: what speaks against the map.
+- `T_m0_m1` (the result, Eq. 3), `T_m0_m1_initial` (by the sighting alone, Eq. 2): pose of map 1 in map 0;
+  `T_m1_m0`, `T_m1_m0_initial`: their inverses; `T_m0_r1`: where robot 1 stood, in map 0.
+- `frame_error`: `theta_w`, that of the initial transform seen from C, which is `window_centre_m0` [x, y] with
+  the axes of map 0, so that `T_m0_m1 = C theta_w^-1 C^-1 T_m0_m1_initial`; null if none was looked for or
+  found. `covariance`: 3 x 3 of the components of what is left of it (`degrees_of_freedom` of the Student's t
+  distribution that has it, null: normal). `ambiguous`: the maps fit in more than one way. `refined_by`: the
+  `refine` asked for.
+- `sighting`: ways to read it, the best first: `T_r0_r1`, `covariance` (3 x 3, of `T_r0_r1^-1 T_true`) with
+  `degrees_of_freedom`, `mass` (probability), `images` it rests on. `images`: of each its `name`, whether the
+  robot was `found`, `score`, the `reason` if not, and the `modes` it can be read by.
+- `overlap`: what both maps know, of what either does. `agreement_before`, `agreement_after` the refinement:
+  `wall_share` of walls that coincide, `conflict_share` of cells that contradict each other, and how many
+  cells each is about (`compared_cells`, `cells_known_in_both`).
+- `seconds` per part, `inputs` as given (sigmas and camera pose in metres and radians), `weights` of the
+  networks that were used (`file`, `sha256`), `warnings`, `files` beside the record, `versions` of packages.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rendezvous.commands.fuse.fuse import Fused, FuseRequest
+from rendezvous.errors import ConfigError
+from rendezvous.evaluation.pictures.canvas import encoded_png
+from rendezvous.evaluation.pictures.fusion import fusion_picture, sighting_picture
+from rendezvous.fusion.agreement import MapAgreement
+from rendezvous.fusion.sighted_pose import SightedMode
+from rendezvous.fusion.verdict import spread_of
+from rendezvous.geometry.occupancy_grid import OccupancyGrid
+from rendezvous.geometry.se2 import SE2, Array
+from rendezvous.interop.ros_map import map_image_path, ros_map_bytes
+from rendezvous.pose_estimation.relative_pose import PoseMode, RelativePose
+from rendezvous.store.disk import Disk
+from rendezvous.store.records import json_bytes
+
+_MAP, _MAP_IMAGE, _PICTURE, _RECORD = "fused.yaml", "fused.pgm", "fused.png", "result.json"
+_PHOTOGRAPH = re.compile(r"image(_\d+)?\.png")
+_PACKAGES = ("rendezvous-fusion", "numpy", "opencv-python-headless", "torch")
+
+
+def write_fused(fused: Fused, out: Path) -> list[Path]:
+    """Write a fusion to a folder, `result.json` last; what an earlier one left there is replaced.
+
+    All is written under other names first, so that a full disk costs nothing of the earlier fusion; a folder
+    with a record holds the files of that record and of no other fusion.
+
+    Returns:
+        The files.
+
+    Raises:
+        ConfigError: a file would replace one that the fusion was made from.
+        StoreError: the folder cannot be written.
+    """
+    require_apart(fused.request, out)
+    files = _map_files(fused.result.grid)
+    files[_PICTURE] = encoded_png(fusion_picture(fused.meeting, fused.result))
+    files |= _sighting_files(fused)
+    files[_RECORD] = json_bytes(record_of(fused, sorted(files)))
+    disk = Disk(str(out))
+    try:
+        for name, data in files.items():
+            disk.write(_staged(name), data)
+        for name in (*_earlier_pictures(disk), _RECORD):
+            _remove(disk, name)
+        for name in files:
+            disk.move(_staged(name), name)
+    except BaseException:
+        for name in files:
+            _remove(disk, _staged(name))
+        raise
+    return [out / name for name in files]
+
+
+def require_apart(request: FuseRequest, out: Path) -> None:
+    """Check that no file of the fusion would take the place of one that it is made from.
+
+    Raises:
+        ConfigError: names that file.
+        MapError: the YAML file of a map cannot be read.
+    """
+    map_images = [map_image_path(Path(given)) for given in request.maps if isinstance(given, str | Path)]
+    for given in (*request.maps, *map_images, *request.images, request.camera):
+        if isinstance(given, str | Path) and _is_output(Path(given).resolve(), out.resolve()):
+            raise ConfigError(f"{given}: would be overwritten; must not be named so in --out {str(out)!r}")
+
+
+def _is_output(path: Path, out: Path) -> bool:
+    ours = path.name in (_MAP, _MAP_IMAGE, _PICTURE, _RECORD) or _PHOTOGRAPH.fullmatch(path.name)
+    return path.parent == out and bool(ours)
+
+
+def _staged(name: str) -> str:
+    return f"{name}.new"
+
+
+def _remove(disk: Disk, name: str) -> None:
+    if disk.size(name) is not None:
+        disk.remove(name)
+
+
+def _earlier_pictures(disk: Disk) -> list[str]:
+    """Pictures of an earlier fusion's images, as its record has them: other pictures are someone else's."""
+    if disk.size(_RECORD) is None:
+        return []
+    try:
+        names = json.loads(disk.read(_RECORD))["files"]
+        return [name for name in names if _PHOTOGRAPH.fullmatch(name)]
+    except (ValueError, KeyError, TypeError):  # no record of a fusion
+        return []
+
+
+def record_of(fused: Fused, files: list[str]) -> dict[str, Any]:
+    """All that was found, for `result.json`.
+
+    Args:
+        fused: the fusion.
+        files: names of those beside the record.
+    """
+    result = fused.result
+    return {
+        "verdict": "accepted" if result.verdict.accepted else "uncertain",
+        "reasons": list(result.verdict.reasons),
+        "T_m0_m1": _pose(result.T_m0_m1),
+        "T_m1_m0": _pose(result.T_m0_m1.inverse()),
+        "T_m0_m1_initial": _pose(result.T_m0_m1_initial),
+        "T_m1_m0_initial": _pose(result.T_m0_m1_initial.inverse()),
+        "T_m0_r1": _pose(result.T_m0_m1 @ fused.meeting.T_m1_r1),
+        "frame_error": _frame_error(fused),
+        "sighting": [{**_mode(mode), "images": list(mode.images)} for mode in result.sighting.modes],
+        "images": [
+            _image(shot.name, pose) for shot, pose in zip(fused.photographs, fused.poses, strict=True)
+        ],
+        "overlap": result.overlap,
+        "agreement_before": _agreement(result.before),
+        "agreement_after": _agreement(result.after),
+        "seconds": {name: round(value, 4) for name, value in fused.seconds.items()},
+        "inputs": _inputs(fused),
+        "weights": {name: {"file": file, "sha256": sha} for name, (file, sha) in fused.weights.items()},
+        "warnings": list(fused.warnings),
+        "files": files,
+        "versions": {name: metadata.version(name) for name in _PACKAGES if _installed(name)},
+    }
+
+
+def summary(fused: Fused, out: Path) -> str:
+    """What a user wants to know at once."""
+    result = fused.result
+    T = result.T_m0_m1
+    lines = [
+        str(result.verdict),
+        f"map 1 lies at x {T.x_m:.3f} m, y {T.y_m:.3f} m, yaw {math.degrees(T.yaw_rad):.2f}° in map 0",
+    ]
+    if result.covariance is not None:
+        position_m, heading_rad = spread_of(result.covariance)
+        lines[-1] += f" (±{position_m:.3f} m, ±{math.degrees(heading_rad):.2f}° where the robots met)"
+    walls = [a.wall_share for a in (result.before, result.after)]
+    if None not in walls:
+        lines.append(
+            f"overlap {result.overlap:.0%}; shared walls that coincide: {walls[0]:.0%} by the sighting "
+            f"alone, {walls[1]:.0%} now"
+        )
+    spent = ", ".join(f"{name} {value:.2f}" for name, value in fused.seconds.items())
+    lines.append(f"seconds: {spent}")
+    lines.append(f"{out / _MAP}, {out / _PICTURE}, {out / _RECORD}")
+    return "\n".join(lines)
+
+
+def _map_files(grid: OccupancyGrid) -> dict[str, bytes]:
+    """The map's image and its YAML, the image first."""
+    image, header = ros_map_bytes(grid, _MAP_IMAGE)
+    return {_MAP_IMAGE: image, _MAP: header}
+
+
+def _sighting_files(fused: Fused) -> dict[str, bytes]:
+    if fused.camera is None:
+        return {}
+    several = len(fused.photographs) > 1
+    return {
+        f"image_{number}.png" if several else "image.png": encoded_png(
+            sighting_picture(shot.image, fused.camera, pose, fused.cuboid_size_m)
+        )
+        for number, (shot, pose) in enumerate(zip(fused.photographs, fused.poses, strict=True))
+    }
+
+
+def _frame_error(fused: Fused) -> dict[str, Any]:
+    """Of the initial alignment, in the window frame, and what is left of it."""
+    result, estimate = fused.result, fused.result.estimate
+    theta = estimate.theta if estimate else None
+    return {
+        "window_centre_m0": [result.T_m0_w.x_m, result.T_m0_w.y_m],
+        "theta_w": None if theta is None else _pose(theta),
+        "covariance": _rows(result.covariance),
+        "covariance_is_of": "x [m], y [m], yaw [rad] of the frame error that is left, at the centre",
+        "degrees_of_freedom": _tails(result.degrees_of_freedom),
+        "ambiguous": bool(estimate and estimate.ambiguous),
+        "refined_by": str(fused.request.refine),
+    }
+
+
+def _inputs(fused: Fused) -> dict[str, Any]:
+    request = fused.request
+    return {
+        "maps": [_name(given) for given in request.maps],
+        "T_m0_r0": _pose(request.T_m0_r0),
+        "T_m1_r1": _pose(request.T_m1_r1),
+        "images": [_name(given) for given in request.images],
+        "camera": None if request.camera is None else _name(request.camera),
+        "camera_pose": None if request.camera_pose is None else list(request.camera_pose),
+        "robot": request.robot,
+        "T_r0_r1": None if request.T_r0_r1 is None else _pose(request.T_r0_r1),
+        "relative_sigma": None if request.relative_sigma is None else list(request.relative_sigma),
+        "refine": str(request.refine),
+        "merge": str(request.merge),
+        "strict": request.strict,
+    }
+
+
+def _image(name: str, pose: RelativePose) -> dict[str, Any]:
+    return {
+        "name": name,
+        "found": pose.found,
+        "score": float(pose.score),
+        "reason": pose.reason,
+        "modes": [_mode(mode) for mode in pose.modes],
+    }
+
+
+def _mode(mode: PoseMode | SightedMode) -> dict[str, Any]:
+    return {
+        "T_r0_r1": _pose(mode.T_r0_r1),
+        "covariance": _rows(mode.covariance),
+        "degrees_of_freedom": _tails(mode.degrees_of_freedom),
+        "mass": float(mode.mass),
+    }
+
+
+def _tails(degrees_of_freedom: float) -> float | None:
+    return degrees_of_freedom if math.isfinite(degrees_of_freedom) else None
+
+
+def _agreement(agreement: MapAgreement) -> dict[str, Any]:
+    return {
+        "wall_share": agreement.wall_share,
+        "conflict_share": agreement.conflict_share,
+        "compared_cells": agreement.compared,
+        "cells_known_in_both": agreement.known_in_both,
+    }
+
+
+def _name(given: object) -> str:
+    return str(given) if isinstance(given, str | Path) else f"<{type(given).__name__}>"
+
+
+def _pose(T: SE2) -> dict[str, float]:
+    x_m, y_m, yaw_rad = (float(value) for value in T.wrapped().as_array())
+    return {"x_m": x_m, "y_m": y_m, "yaw_rad": yaw_rad}
+
+
+def _rows(covariance: Array | None) -> list[list[float]] | None:
+    return None if covariance is None else np.asarray(covariance, np.float64).tolist()
+
+
+def _installed(package: str) -> bool:
+    try:
+        metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return False
+    return True

@@ -1,0 +1,246 @@
+"""Look at a stage's output: pictures of some of it, and its figures."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from rendezvous.errors import ConfigError, StoreError
+from rendezvous.evaluation.dataset.card import CARD_COLUMNS, quality_table
+from rendezvous.evaluation.dataset.pose_card import POSE_COLUMNS, VIEW_COLUMNS, pose_quality_table
+from rendezvous.evaluation.dataset.quantiles import quantile_table
+from rendezvous.evaluation.dataset.sampling import evenly_by, located_columns, rows_at
+from rendezvous.evaluation.dataset.tables import markdown_table
+from rendezvous.evaluation.pictures.canvas import Image, encoded_png
+from rendezvous.evaluation.pictures.pairs import contact_sheet
+from rendezvous.evaluation.pictures.plans import plan_sheet
+from rendezvous.evaluation.pictures.poses import pose_sheet
+from rendezvous.plan_schema import plan_of, solids_of
+from rendezvous.schema import PAIRS, POSES, VIEWS, TableSchema
+from rendezvous.seeds import stream
+from rendezvous.store.read import StageReader
+
+Sheet = Callable[..., Image]
+Looked = tuple[dict[str, Image], list[str]]
+"""Pictures by name, and sections of figures."""
+
+
+class Order(StrEnum):
+    """Which rows to show: spread evenly from low to high overlap or visibility, or drawn at random."""
+
+    OVERLAP = "overlap"
+    VISIBILITY = "visibility"
+    RANDOM = "random"
+
+
+class Table(StrEnum):
+    """What a stage may have rows of; `explore` and `pack` have pairs, `render` has views."""
+
+    PAIRS = "pairs"
+    VIEWS = "views"
+    POSES = "poses"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Inspection:
+    """What was found: a summary in Markdown, and where pictures were written."""
+
+    summary: str
+    pictures: tuple[Path, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Selection:
+    """Which rows to show.
+
+    Attributes:
+        count: how many; None for as many as make a good sheet.
+        order: how they are chosen; None for pairs by overlap and images by visibility.
+        seed: of the random draw.
+    """
+
+    count: int | None = None
+    order: Order | None = None
+    seed: int = 0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Look:
+    """How a table is looked at.
+
+    Attributes:
+        schema: of its rows.
+        columns: what figures and order are computed from.
+        title, sheet, count, order: of its picture; the last two by default.
+        figures: of its columns, in Markdown.
+    """
+
+    schema: TableSchema
+    columns: tuple[str, ...]
+    title: str
+    sheet: Sheet
+    count: int
+    order: Order
+    figures: Callable[[pa.Table], str]
+
+
+def inspect(
+    folder: str,
+    *,
+    output: Path | None = None,
+    table: Table | None = None,
+    selection: Selection = Selection(),
+) -> Inspection:
+    """Draw some of a stage's output.
+
+    Args:
+        folder: the output of `explore` or `pack` (pairs, poses), of `render` (views, poses), or of
+            `floorplans` or `meshes` (plans).
+        output: PNG to write; one for each table in `report/` by default.
+        table: the one to look at; all there are by default.
+        selection: which rows to show.
+
+    Raises:
+        StoreError: there is no such output, nothing in it, or a picture cannot be written.
+        ConfigError: there is no such table or order here, or several pictures for one file.
+    """
+    reader = StageReader(folder)
+    manifest = reader.manifest()
+    if not manifest.rows:
+        raise StoreError(f"{folder}: no rows to look at")
+    counts = markdown_table(("counted", "number"), [(k, f"{v:,}") for k, v in manifest.counts().items()])
+    look = _plans if manifest.stage in ("floorplans", "meshes") else _tables
+    images, sections = look(reader, table, selection)
+    pictures = _placed(images, output)
+    for picture, image in pictures.items():
+        _write(picture, encoded_png(image))
+    return Inspection(summary="\n\n".join([counts, *sections]), pictures=tuple(pictures))
+
+
+def _tables(reader: StageReader, table: Table | None, selection: Selection) -> Looked:
+    """Picture and figures of each table, or of one."""
+    there = _folders(reader)
+    if table is not None and table not in there:
+        raise ConfigError(f"--table is '{table}'; {reader.root} has {' and '.join(there)}")
+    images: dict[str, Image] = {}
+    sections: list[str] = []
+    for name in there if table is None else (table,):
+        look = _LOOKS[name]
+        columns = located_columns(reader, look.columns, under=there[name])
+        shown = columns.take(_selected(columns, look, selection))
+        images[str(name)] = look.sheet(
+            rows_at(reader, shown, look.schema),
+            title=look.title,
+            subtitle=f"{shown.num_rows:,} of {columns.num_rows:,} {name} in {reader.root}",
+        )
+        sections.append(f"## {name.capitalize()}\n\n{look.figures(columns)}")
+    return images, sections
+
+
+def _folders(reader: StageReader) -> dict[Table, str]:
+    """The tables that have rows, and the folder of each one's shards."""
+    found = {table: f"{table}/" for table in Table if any(shard.rows for shard in reader.shards(f"{table}/"))}
+    # `explore` writes one table, and no folder.
+    return found or {Table.PAIRS: ""}
+
+
+def _placed(images: dict[str, Image], output: Path | None) -> dict[Path, Image]:
+    """Where each picture goes."""
+    if output is not None and len(images) > 1:
+        raise ConfigError(f"--out names one picture; --table must say which of {' and '.join(images)}")
+    return {output or Path("report") / f"{name}.png": image for name, image in images.items()}
+
+
+def _write(picture: Path, png: bytes) -> None:
+    try:
+        picture.parent.mkdir(parents=True, exist_ok=True)
+        picture.write_bytes(png)
+    except OSError as error:
+        reason = (error.strerror or str(error)).lower()
+        raise StoreError(f"{picture}: cannot be written ({reason}); --out names a PNG file") from error
+
+
+def _selected(columns: pa.Table, look: _Look, selection: Selection) -> list[int]:
+    """Indices of the rows to show."""
+    count, order = selection.count or look.count, selection.order or look.order
+    if order is Order.RANDOM:
+        return _drawn(columns.num_rows, count, selection.seed)
+    # A table may lack the column, and pairs without an image have no value in it.
+    known = pc.indices_nonzero(columns[order].is_valid()) if order in columns.column_names else []
+    if not len(known):
+        raise ConfigError(
+            f"--order is '{order}', which no {look.schema.name} here have; "
+            "--table chooses others, random suits all"
+        )
+    return [known[rank].as_py() for rank in evenly_by(columns[order].drop_null().to_numpy(), count)]
+
+
+def _plans(reader: StageReader, table: Table | None, selection: Selection) -> Looked:
+    """The picture of plans, which have no figures but their counts."""
+    if table is not None:
+        raise ConfigError(f"--table is '{table}'; {reader.root} has only plans")
+    items = list(reader.items())
+    shown = [items[i] for i in sorted(_drawn(len(items), selection.count or _PLANS, selection.seed))]
+    plans = [(plan_of(row), solids_of(row.get("furniture", ()))) for row in reader.rows(shown)]
+    subtitle = f"{len(plans)} of {len(items)} in {reader.root}"
+    return {"plans": plan_sheet(plans, title="Floor plans", subtitle=subtitle)}, []
+
+
+def _drawn(size: int, count: int, seed: int) -> list[int]:
+    """Indices drawn without replacement, uniform."""
+    rng: np.random.Generator = stream(seed, "inspect")
+    return [int(i) for i in rng.permutation(size)[:count]]
+
+
+def _pair_figures(pairs: pa.Table) -> str:
+    """What the card tells of sightings, and the visibility in those with an image."""
+    figures = quality_table(pairs)
+    if "visibility" not in pairs.column_names or not (known := pairs["visibility"].drop_null()):
+        return figures
+    return f"{figures}\n\n{quantile_table([('Visibility in the images', known.to_numpy(), 2)])}"
+
+
+def _pose_figures(poses: pa.Table) -> str:
+    """How many images there are of each mode and without robot; then as of views."""
+    modes = sorted(poses["mode"].to_pylist())
+    rows = [(f"`{mode}`", f"{modes.count(mode):,}") for mode in dict.fromkeys(modes)]
+    rows.append(("without robot", f"{poses['T_c_o'].null_count / poses.num_rows:.1%}"))
+    return f"{markdown_table(('images', 'number'), rows)}\n\n{pose_quality_table(poses)}"
+
+
+_PLANS = 6
+_LOOKS = {
+    Table.PAIRS: _Look(
+        schema=PAIRS,
+        columns=(*CARD_COLUMNS, "visibility"),
+        title="Rendezvous",
+        sheet=contact_sheet,
+        count=6,
+        order=Order.OVERLAP,
+        figures=_pair_figures,
+    ),
+    Table.VIEWS: _Look(
+        schema=VIEWS,
+        columns=(*VIEW_COLUMNS, "T_c_o"),
+        title="Rendezvous, as robot 0 sees them",
+        sheet=pose_sheet,
+        count=24,
+        order=Order.VISIBILITY,
+        figures=pose_quality_table,
+    ),
+    Table.POSES: _Look(
+        schema=POSES,
+        columns=POSE_COLUMNS,
+        title="Training images",
+        sheet=pose_sheet,
+        count=24,
+        order=Order.VISIBILITY,
+        figures=_pose_figures,
+    ),
+}

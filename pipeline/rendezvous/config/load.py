@@ -1,0 +1,133 @@
+"""The typed form of `stages.yaml`: what each stage reads and writes, its parameters, the presets."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection, Mapping
+from pathlib import Path
+from typing import Any
+
+from rendezvous.config.sections import Parameters, StageSection
+from rendezvous.config.strict_section import Section, validated_section
+from rendezvous.config.strict_yaml import load_file, load_value
+from rendezvous.errors import ConfigError
+
+_RIGHT = "a YAML mapping with seed, stages and presets; --config FILE names another"
+_FOLDER_PATTERN = re.compile(r"[a-z0-9][a-z0-9_-]*")
+
+
+class StageLinks(Section):
+    """What a stage reads and writes: stages it follows, and the name of its folder below the data folder."""
+
+    reads: tuple[str, ...]
+    writes: str
+    parameters: dict[str, Any]
+
+
+class _StagesFile(Section):
+    seed: int
+    stages: dict[str, StageLinks]
+    presets: dict[str, dict[str, dict[str, Any] | None] | None]
+
+
+class Config(Parameters):
+    """All that decides what the pipeline makes: the parameters, and how the stages hang together.
+
+    Attributes:
+        stages: what each stage reads and writes, in flow order.
+    """
+
+    stages: dict[str, StageLinks]
+
+
+def load_config(
+    path: str | Path, *, preset: str = "default", overrides: Collection[str] = (), seed: int | None = None
+) -> Config:
+    """Read `stages.yaml`.
+
+    Args:
+        path: the file.
+        preset: which of its presets to lay over the stages' parameters.
+        overrides: `explore.episodes_per_plan=10` or `seed=3`; values are YAML; the last one wins.
+        seed: the root seed; the file's by default.
+
+    Raises:
+        ConfigError: a key is unknown, a value is wrong; one line that says where, what, and what is right.
+    """
+    file = validated_section(_StagesFile, load_file(path, right=_RIGHT), file=str(path))
+    _check_flow(file.stages, str(path))
+    layers: dict[str, Mapping[str, Any]] = {
+        f"{path}: stages": {name: stage.parameters for name, stage in file.stages.items()},
+        f"{path}: presets.{preset}": _preset(file, preset, str(path)),
+    }
+    layers |= {f"--set {override}": _override(override) for override in overrides}
+    if seed is not None:
+        layers[f"--seed {seed}"] = {"seed": seed}
+    values: dict[str, Any] = {"seed": file.seed}
+    for layer in layers.values():
+        values = _overlaid(values, layer)
+    parameters = validated_section(Parameters, values, file=str(path), layers=layers)
+    return Config(stages=file.stages, **dict(parameters))
+
+
+def _check_flow(stages: Mapping[str, StageLinks], file: str) -> None:
+    """See that each stage follows those that its code reads, and has a folder of its own."""
+    known: list[str] = []
+    folders: dict[str, str] = {}
+    for name, stage in stages.items():
+        if not _FOLDER_PATTERN.fullmatch(stage.writes):
+            raise ConfigError(
+                f"{file}: stages.{name}.writes is {stage.writes!r:.60}; must be one folder's plain name: "
+                "small letters, digits, '-' and '_'"
+            )
+        section = _section(name)
+        shared = section is not None and section.beside_data
+        if not shared and (other := folders.setdefault(stage.writes, name)) != name:
+            raise ConfigError(
+                f"{file}: stages.{name}.writes is {stage.writes!r}, as is {other}'s; each stage needs its own"
+            )
+        if section is not None and set(stage.reads) != set(section.upstream):
+            raise ConfigError(
+                f"{file}: stages.{name}.reads is {list(stage.reads)}; must be {list(section.upstream)}, "
+                "which is what its code reads"
+            )
+        for upstream in stage.reads:
+            if upstream not in known:
+                above = ", ".join(known) or "none"
+                raise ConfigError(
+                    f"{file}: stages.{name}.reads has {upstream!r}; the stages above it are {above}"
+                )
+        known.append(name)
+
+
+def _section(stage: str) -> type[StageSection] | None:
+    """The section of a stage; None if there is no such stage, which is told where its parameters are."""
+    field = Parameters.model_fields.get(stage)
+    section = field.annotation if field is not None else None
+    return section if isinstance(section, type) and issubclass(section, StageSection) else None
+
+
+def _preset(file: _StagesFile, preset: str, path: str) -> dict[str, Any]:
+    if preset not in file.presets:
+        raise ConfigError(f"{path}: no preset {preset!r}; presets are {', '.join(file.presets)}")
+    return {stage: values or {} for stage, values in (file.presets[preset] or {}).items()}
+
+
+def _override(text: str) -> dict[str, Any]:
+    key, equals, value = text.partition("=")
+    if not equals or not all(key.split(".")):
+        raise ConfigError(f"--set {text}: must be KEY=VALUE, such as explore.episodes_per_plan=10")
+    nested: Any = load_value(value, where=f"--set {text}")
+    for name in reversed(key.split(".")):
+        nested = {name: nested}
+    return dict(nested)
+
+
+def _overlaid(values: Mapping[str, Any], layer: Mapping[str, Any]) -> dict[str, Any]:
+    merged = dict(values)
+    for key, value in layer.items():
+        below = merged.get(key)
+        if isinstance(below, Mapping) and isinstance(value, Mapping):
+            value = _overlaid(below, value)
+        merged[key] = value
+    return merged

@@ -1,0 +1,152 @@
+"""Make a stage's shards: skip what is finished, run the rest on the workers, publish the manifest."""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+
+from rich.console import Console
+
+from rendezvous.config.load import Config
+from rendezvous.engine.pool import Call, Engine, run_calls
+from rendezvous.engine.progress import Meter, meter
+from rendezvous.store.parquet import Layout
+from rendezvous.store.read import StageReader
+from rendezvous.store.records import Inputs, Manifest, Shard, ShardRecord
+from rendezvous.store.write import NOT_MADE_YET, StageWriter
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Task:
+    """One shard to make.
+
+    Attributes:
+        name: its file, relative to the stage's folder.
+        inputs: all that its content depends on.
+        make: makes the content; picklable, and a pure function of `inputs`.
+    """
+
+    name: str
+    inputs: Inputs
+    make: Callable[[], Shard]
+
+
+def part_name(index: int) -> str:
+    """Name of a stage's shard by its number."""
+    return f"part-{index:05d}.parquet"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Run:
+    """One run of the pipeline: its configuration, where its data lies, and who does the work."""
+
+    config: Config
+    data: str
+    workers: int
+    engine: Engine = Engine.LOCAL
+    console: Console = field(default_factory=lambda: Console(stderr=True))
+
+    def folder(self, stage: str) -> str:
+        """Where a stage's output lies."""
+        return f"{self.data.rstrip('/')}/{self.config.stages[stage].writes}"
+
+    def read(self, stage: str) -> StageReader:
+        """The output of an earlier stage."""
+        return StageReader(self.folder(stage), stage)
+
+    def say(self, line: str) -> None:
+        """Print a line beside the progress bars."""
+        self.console.print(line, highlight=False, markup=False, soft_wrap=True)
+
+    def build(
+        self,
+        stage: str,
+        tasks: Iterable[Task],
+        *,
+        layout: Layout,
+        total: int | None = None,
+        prepare: Callable[[], None] = lambda: None,
+        files: Callable[[Sequence[ShardRecord]], Mapping[str, bytes]] = lambda records: {},
+    ) -> Manifest:
+        """Make a stage's output from its shards.
+
+        Args:
+            stage: its name in `stages.yaml`.
+            tasks: its shards, in order; pulled only as workers become free.
+            layout: how its tables lie in Parquet.
+            total: how many shards there are, None if that is not known beforehand.
+            prepare: called once, before the first shard that has to be made.
+            files: makes the files beside the shards, such as a card, from all records in order.
+
+        Raises:
+            PipelineError: the disk is full, a worker was killed, or another run is writing here.
+        """
+        writer = StageWriter(self.folder(stage), stage, layout)
+        with writer.locked(), meter(stage, total=total, console=self.console) as report:
+            started_s = time.monotonic()
+            work = _Work(writer, report)
+            results = run_calls(work.calls(tasks, prepare), engine=self.engine, workers=self.workers)
+            with contextlib.closing(results):
+                for record in results:
+                    work.made(record)
+            records = work.records_in_order()
+            manifest = writer.finish(records, files(records))
+            report.say(work.summary(manifest, elapsed_s=time.monotonic() - started_s))
+        return manifest
+
+
+class _Work:
+    """What is to be made, what is there already, and why."""
+
+    def __init__(self, writer: StageWriter, report: Meter) -> None:
+        self._writer = writer
+        self._report = report
+        self._records: dict[str, ShardRecord | None] = {}
+        self._kept = 0
+        self._reasons: dict[str, int] = {}
+
+    def calls(self, tasks: Iterable[Task], prepare: Callable[[], None]) -> Iterator[Call[ShardRecord]]:
+        """Calls that make the shards which are not finished."""
+        prepared = False
+        for task in tasks:
+            record = self._writer.finished(task.name, task.inputs)
+            self._records[task.name] = record
+            if record is not None:
+                self._kept += 1
+                self._report.advance(record.rows, made=False)
+                continue
+            if not prepared:
+                prepare()
+                prepared = True
+            self._tell(task.name, self._writer.reason_to_make(task.name, task.inputs))
+            self._writer.make_room(task.name, task.inputs)
+            yield partial(_make_and_write, self._writer.for_worker(), task)
+
+    def made(self, record: ShardRecord) -> None:
+        self._records[record.name] = record
+        self._report.advance(record.rows, made=True)
+
+    def records_in_order(self) -> list[ShardRecord]:
+        return [record for record in self._records.values() if record is not None]
+
+    def summary(self, manifest: Manifest, *, elapsed_s: float) -> str:
+        """One line: what there is now, what was made and how long it took."""
+        made = len(manifest.shards) - self._kept
+        counts = ", ".join(f"{count} {name}" for name, count in manifest.counts().items())
+        return (
+            f"{manifest.stage}: {counts or f'{manifest.rows} rows'} in {len(manifest.shards)} shards; "
+            f"{made} made, {self._kept} kept, {elapsed_s:.1f} s"
+        )
+
+    def _tell(self, name: str, reason: str) -> None:
+        """Say why a shard is made again; once for each reason, a changed parameter touches them all."""
+        if reason != NOT_MADE_YET and reason not in self._reasons:
+            self._report.say(f"{self._writer.stage}: making {name} again: {reason}")
+        self._reasons[reason] = self._reasons.get(reason, 0) + 1
+
+
+def _make_and_write(writer: StageWriter, task: Task) -> ShardRecord:
+    return writer.write(task.name, task.inputs, task.make())

@@ -1,0 +1,167 @@
+"""Fig. 6b of the paper: pairs as they lie, as they were given, and as each method puts them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from rendezvous.alignment.frame_error import corrected
+from rendezvous.alignment.window import FREE_CELL, OCCUPIED_CELL, UNKNOWN_CELL, MapWindow, map_window
+from rendezvous.evaluation.frame_error.estimates import Outcomes, Pairs
+from rendezvous.evaluation.pictures.canvas import BLUE, INK, PAPER, RED, UNSEEN, Canvas, Colour, Image, View
+from rendezvous.evaluation.pictures.map_panels import BOTH, SEEN
+from rendezvous.geometry.se2 import SE2, Array
+from rendezvous.training.frame_error.pairs import MapPair
+from rendezvous.training.frame_error.perturbation import PerturbedPair
+
+PANEL_PX = 420
+_MARGIN_M = 0.5
+_ROBOT_PX = 9.0
+_HEAT: Colour = (236, 122, 8)
+_FULL_HEAT = 4.0
+"""Times its even share of attention at which a place has full colour."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Chosen:
+    """A pair that is shown, and why: its index among all."""
+
+    index: int
+    why: str
+
+
+def chosen_pairs(reference: Outcomes, pairs: Pairs) -> list[Chosen]:
+    """The best, the median and the worst of one method, and its median among the tenth of least overlap.
+
+    A pair that is two of these is shown once.
+    """
+    by_error = np.argsort(reference.position_m, kind="stable")
+    least = np.argsort(pairs.overlap, kind="stable")[: max(1, len(reference) // 10)]
+    low = least[np.argsort(reference.position_m[least], kind="stable")][len(least) // 2]
+    named = {
+        "best": by_error[0],
+        "median": by_error[len(by_error) // 2],
+        "low overlap": low,
+        "worst": by_error[-1],
+    }
+    shown: dict[int, str] = {}
+    for why, index in named.items():
+        shown.setdefault(int(index), why)
+    return [Chosen(index=index, why=why) for index, why in shown.items()]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Panel:
+    """One picture of a pair.
+
+    Attributes:
+        name: `truth`, `input`, or a method's.
+        image: (PANEL_PX, PANEL_PX, 3).
+        position_m, heading_rad: the error that is seen; None for the truth.
+        failed: the method found no estimate, and the input is shown.
+    """
+
+    name: str
+    image: Image
+    position_m: float | None
+    heading_rad: float | None
+    failed: bool = False
+
+
+def panels(pair: MapPair, sample: PerturbedPair, found: Mapping[str, Outcomes], index: int) -> list[Panel]:
+    """Truth, input, and each method's correction of one pair, all in the axes of m0 and at one scale."""
+    T_m0_v, side_m = square_around(pair)
+    theta = sample.theta_w
+    out = [
+        Panel(
+            name="truth",
+            image=overlay(pair, pair.T_m0_m1, T_m0_v, side_m),
+            position_m=None,
+            heading_rad=None,
+        ),
+        Panel(
+            name="input",
+            image=overlay(pair, sample.T_estimated, T_m0_v, side_m),
+            position_m=float(np.hypot(theta.x_m, theta.y_m)),
+            heading_rad=abs(theta.yaw_rad),
+        ),
+    ]
+    for name, outcomes in found.items():
+        row = outcomes.rows[index]
+        T_hat = corrected(sample.T_estimated, row.theta_hat or SE2.identity(), sample.T_m0_w)
+        out.append(
+            Panel(
+                name=name,
+                image=overlay(pair, T_hat, T_m0_v, side_m),
+                position_m=float(outcomes.position_m[index]),
+                heading_rad=float(outcomes.heading_rad[index]),
+                failed=row.theta_hat is None,
+            )
+        )
+    return out
+
+
+def square_around(pair: MapPair) -> tuple[SE2, float]:
+    """Centre of the square that holds both maps as they truly lie, in m0, and its side [m]."""
+    points_m = np.concatenate(
+        [
+            T @ grid.cell_centres(grid.known())
+            for T, grid in ((SE2.identity(), pair.grid_0), (pair.T_m0_m1, pair.grid_1))
+        ]
+    )
+    lower_m, upper_m = points_m.min(axis=0), points_m.max(axis=0)
+    x_m, y_m = (lower_m + upper_m) / 2.0
+    return SE2(float(x_m), float(y_m), 0.0), float((upper_m - lower_m).max()) + 2.0 * _MARGIN_M
+
+
+def overlay(pair: MapPair, T_m0_m1: SE2, T_m0_v: SE2, side_m: float) -> Image:
+    """(PANEL_PX, PANEL_PX, 3): both maps and robot 1 in a square of that side around v."""
+    window = map_window(pair.grid_0, pair.grid_1, T_m0_m1, T_m0_v, cells=PANEL_PX, cell_m=side_m / PANEL_PX)
+    canvas = Canvas(PANEL_PX, PANEL_PX)
+    canvas.image[:] = _painted(window)
+    px_per_m = PANEL_PX / side_m
+    view = View(px_per_m=px_per_m, u0_px=PANEL_PX / 2.0, v0_px=PANEL_PX / 2.0)
+    T_v_m0 = T_m0_v.inverse()
+    _draw_robot(canvas, view, T_v_m0 @ pair.T_m0_r1, INK)
+    _draw_robot(canvas, view, T_v_m0 @ T_m0_m1 @ pair.T_m1_r1, BLUE)
+    canvas.scale_bar(12, PANEL_PX - 14, px_per_m=px_per_m, longest_px=90)
+    return canvas.image
+
+
+def _painted(window: MapWindow) -> Image:
+    """(N, N, 3): red map 0, blue map 1, violet both; y up."""
+    first, second = window.cells[:, ::-1]
+    image = np.full((*first.shape, 3), UNSEEN, np.uint8)
+    image[first != UNKNOWN_CELL] = SEEN[0]
+    image[second != UNKNOWN_CELL] = SEEN[1]
+    image[(first == FREE_CELL) & (second == FREE_CELL)] = SEEN[2]
+    image[first == OCCUPIED_CELL] = RED
+    image[second == OCCUPIED_CELL] = BLUE
+    image[(first == OCCUPIED_CELL) & (second == OCCUPIED_CELL)] = BOTH
+    return image
+
+
+def _draw_robot(canvas: Canvas, view: View, T_v_r: SE2, colour: Colour) -> None:
+    """A disc with a nose: robot 1 where it stands (black) or where the transform puts it (blue)."""
+    nose_m = np.array([[0.0, 0.0], [2.0 * _ROBOT_PX / view.px_per_m, 0.0]])
+    nose_px = view.uv_px(T_v_r @ nose_m)
+    canvas.polyline(nose_px, colour=PAPER, width_px=6)
+    canvas.disc(nose_px[0], radius_px=_ROBOT_PX * 0.6, colour=colour)
+    canvas.polyline(nose_px, colour=colour, width_px=3)
+
+
+def attention_panel(window: MapWindow, attention: Array) -> Image:
+    """What a network looks at, laid over its window: places with more than an even share.
+
+    Args:
+        window: both maps as it saw them.
+        attention: (P, P) share of each place, row growing with +y; they sum to 1.
+    """
+    image = cv2.resize(_painted(window), (PANEL_PX, PANEL_PX), interpolation=cv2.INTER_AREA)
+    times_even = (attention * attention.size)[::-1]
+    heat = cv2.resize(times_even, (PANEL_PX, PANEL_PX), interpolation=cv2.INTER_CUBIC)
+    opacity = 0.75 * ((heat - 1.0) / (_FULL_HEAT - 1.0)).clip(0.0, 1.0)[..., None]
+    return np.asarray((1.0 - opacity) * image + opacity * np.array(_HEAT), dtype=np.uint8)

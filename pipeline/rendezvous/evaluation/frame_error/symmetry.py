@@ -1,0 +1,95 @@
+"""Scenes that look much the same once turned, where maps alone hardly tell one heading from another."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from scipy import fft
+
+from rendezvous.evaluation.frame_error.estimates import Outcomes
+from rendezvous.evaluation.frame_error.summary import Accuracy, accuracy, without_nan
+from rendezvous.geometry.occupancy_grid import Mask, OccupancyGrid
+from rendezvous.geometry.se2 import Array
+
+SYMMETRIC_SHARE = 0.6
+"""A map is called symmetric from this share on. What a robot has seen repeats in part only: of 150 test pairs
+half are above 0.42, 6 reach this, and none reaches 0.85."""
+TOLERANCE_M = 0.10
+WIDE_RANGE_DEG = 90.0
+"""Frame errors of a smaller range cannot confuse a map with itself turned."""
+
+
+def turn_symmetry(grid: OccupancyGrid, *, tolerance_m: float = TOLERANCE_M) -> float:
+    """The share of a map's walls that come to lie on its walls once it is turned; at best, in [0, 1].
+
+    Turns are of 90, 180 and 270 degrees about any point. A square room has 1, a map without walls 0.
+
+    Args:
+        grid: the map.
+        tolerance_m: a wall cell lies on another if their centres are no farther apart.
+    """
+    walls = grid.occupied()
+    if not walls.any():
+        return 0.0
+    reach = int(tolerance_m / grid.resolution_m + 1e-9)
+    offsets = np.arange(-reach, reach + 1)
+    disk = (np.hypot(offsets[:, None], offsets) <= reach).astype(np.uint8)
+    near = cv2.dilate(np.pad(walls, reach).astype(np.uint8), disk)
+    best = max(_most_overlap(near, np.rot90(walls, turns)) for turns in (1, 2, 3))
+    return float(best / walls.sum())
+
+
+def _most_overlap(near: Mask, walls: Mask) -> float:
+    """How many walls lie on a mask at most, over all shifts."""
+    shape = [fft.next_fast_len(a + b - 1, real=True) for a, b in zip(near.shape, walls.shape, strict=True)]
+    # A convolution with the walls upside down is their correlation.
+    counts = fft.irfft2(fft.rfft2(near, shape) * fft.rfft2(walls[::-1, ::-1], shape), shape)
+    return float(counts.max().round())
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Apart:
+    """Errors on pairs with a symmetric map and on the others; None where there are none."""
+
+    symmetric: Accuracy | None
+    others: Accuracy | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Symmetry:
+    """How symmetric the measured pairs are, and what methods make of them.
+
+    Attributes:
+        share: (N,) `turn_symmetry` of each pair's map 1.
+        methods: by name.
+    """
+
+    share: Array
+    methods: Mapping[str, Apart]
+
+    @staticmethod
+    def of(share: Array, found: Mapping[str, Outcomes], weights: Array) -> Symmetry:
+        """From outcomes of N pairs by method, and (R, N) weights of the resamples."""
+        symmetric = share >= SYMMETRIC_SHARE
+        methods = {
+            name: Apart(
+                symmetric=accuracy(outcomes, symmetric, weights) if symmetric.any() else None,
+                others=accuracy(outcomes, ~symmetric, weights) if not symmetric.all() else None,
+            )
+            for name, outcomes in found.items()
+        }
+        return Symmetry(share=share, methods=methods)
+
+    @property
+    def count(self) -> int:
+        """Pairs with a symmetric map."""
+        return int((self.share >= SYMMETRIC_SHARE).sum())
+
+    def to_json(self) -> dict[str, Any]:
+        """Values as JSON holds them."""
+        methods = {name: without_nan(asdict(apart)) for name, apart in self.methods.items()}
+        return {"symmetric_share": SYMMETRIC_SHARE, "symmetric_pairs": self.count, "methods": methods}

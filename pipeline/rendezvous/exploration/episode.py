@@ -1,0 +1,218 @@
+"""One episode: two robots explore a furnished plan until they have met often enough."""
+
+from __future__ import annotations
+
+import math
+
+import numba as nb
+import numpy as np
+
+from rendezvous.exploration.explorer import Explorer
+from rendezvous.exploration.records import Episode, EpisodeParameters, Event, Snapshot
+from rendezvous.exploration.rendezvous import Sighting, sight
+from rendezvous.exploration.surroundings import Surroundings
+from rendezvous.geometry.se2 import SE2, Array
+from rendezvous.simulation.drive import TICK_S, Encoder, Physics
+from rendezvous.simulation.lidar import beam_bearings, noisy_ranges
+from rendezvous.simulation.rays import RayScene, cast_rays
+from rendezvous.simulation.robot import RobotSpec
+
+
+def run_episode(
+    surroundings: Surroundings,
+    robots: tuple[RobotSpec, RobotSpec],
+    starts: tuple[SE2, SE2],
+    parameters: EpisodeParameters,
+    *,
+    rng: np.random.Generator,
+) -> Episode:
+    """Drive both robots until `max_events` meetings or `max_time_s`.
+
+    Args:
+        surroundings: walls and furniture.
+        robots: their specs.
+        starts: their true start poses in w.
+        parameters: settings.
+        rng: split into one stream per source of chance, so that none shifts another.
+    """
+    return _Run(surroundings, robots, starts, parameters, rng).finish()
+
+
+class _Robot:
+    """The simulated side of one robot: noise, the truth it leaves behind, and the explorer in it."""
+
+    def __init__(
+        self, spec: RobotSpec, T_w_r: SE2, parameters: EpisodeParameters, rng: np.random.Generator
+    ) -> None:
+        encoder_rng, self._lidar_rng, explorer_rng = rng.spawn(3)
+        self.spec = spec
+        self.explorer = Explorer(spec, slam=parameters.slam, parameters=parameters.explorer, rng=explorer_rng)
+        self._encoder = Encoder(parameters.odometry_noise, rng=encoder_rng)
+        self._noise = parameters.lidar_noise
+        self._bearings_rad = beam_bearings(spec.lidar)
+        self.knots_w = [T_w_r.as_array()]
+        self.trajectory: list[Array] = []
+        self.trajectory_w: list[Array] = []
+        self.travelled_m = 0.0
+        self.explorer.read_encoders(0.0, self._encoder.read((0.0, 0.0)))
+
+    def tick(self, time_s: float, wheels_rad: tuple[float, float], pose_w: Array) -> None:
+        """Pass the encoders on; keep the truth for the lidar."""
+        self.travelled_m += math.dist(pose_w[:2], self.knots_w[-1][:2])
+        self.knots_w.append(pose_w)
+        self.explorer.read_encoders(time_s, self._encoder.read(wheels_rad))
+
+    def sweep(self, scene: RayScene, other: _Robot) -> None:
+        """Shoot the sweep that ends now and hand it to the explorer."""
+        lidar = self.spec.lidar
+        T_w_l = _poses_along(np.array(self.knots_w), lidar.beams, lidar.x_m)
+        circle = other.spec.circle_at(lidar.z_m)
+        others_m = None
+        apart_m = math.dist(self.knots_w[-1][:2], other.knots_w[-1][:2])
+        if circle is not None and apart_m < lidar.range_max_m + 1.0:
+            others_m = _poses_along(np.array(other.knots_w), lidar.beams, circle[0])
+            others_m[:, 2] = circle[1]
+        ranges_m = cast_rays(
+            scene, T_w_l, self._bearings_rad, max_range_m=1.2 * lidar.range_max_m, others_m=others_m
+        )
+        noisy_m = noisy_ranges(ranges_m, lidar, self._noise, rng=self._lidar_rng)
+        self.explorer.read_lidar(noisy_m)
+
+    def snapshot(self) -> Snapshot:
+        """The robot as it is now."""
+        return Snapshot(
+            grid=self.explorer.slam.grid(),
+            T_m_r=SE2.from_array(self.explorer.slam.pose()),
+            T_m_r_odometry=SE2.from_array(self.explorer.odometry_pose()),
+            T_w_r=SE2.from_array(self.knots_w[-1]),
+            trajectory=np.array(self.trajectory),
+            trajectory_w=np.array(self.trajectory_w),
+        )
+
+
+class _Run:
+    """The loop of one episode."""
+
+    def __init__(
+        self,
+        surroundings: Surroundings,
+        robots: tuple[RobotSpec, RobotSpec],
+        starts: tuple[SE2, SE2],
+        parameters: EpisodeParameters,
+        rng: np.random.Generator,
+    ) -> None:
+        physics_rng, rng_0, rng_1, schedule_rng = rng.spawn(4)
+        self._p = parameters
+        self._surroundings = surroundings
+        self._physics = Physics(
+            surroundings.solids,
+            robots,
+            starts,
+            drive=parameters.drive,
+            planar_slip=parameters.odometry_noise.planar_slip,
+            rng=physics_rng,
+        )
+        self._robots = (
+            _Robot(robots[0], starts[0], parameters, rng_0),
+            _Robot(robots[1], starts[1], parameters, rng_1),
+        )
+        # Log-uniform: overlap grows with the logarithm of time, roughly.
+        low_s, high_s = parameters.first_event_s
+        self._next_event_s = math.exp(schedule_rng.uniform(math.log(low_s), math.log(high_s)))
+        self._next_event_m = [0.0, 0.0]
+        self._events: list[Event] = []
+        self._sweeps = 0
+        self._ticks_per_sweep = round(1.0 / (robots[0].lidar.rate_hz * TICK_S))
+        self._sweeps_per_step = max(1, round(parameters.trajectory_step_s / (self._ticks_per_sweep * TICK_S)))
+
+    def finish(self) -> Episode:
+        """Run to the end."""
+        twists = [(0.0, 0.0), (0.0, 0.0)]
+        ticks = 0
+        while self._physics.time_s < self._p.max_time_s and len(self._events) < self._p.max_events:
+            self._physics.step(twists)
+            ticks += 1
+            poses_w = self._physics.poses_w()
+            for i, robot in enumerate(self._robots):
+                robot.tick(self._physics.time_s, self._physics.wheels_rad(i), poses_w[i])
+            if ticks % self._ticks_per_sweep == 0:
+                self._sweep()
+            if self._sweeps:
+                twists = [robot.explorer.twist() for robot in self._robots]
+        first, second = self._robots
+        return Episode(
+            events=tuple(self._events),
+            simulated_s=self._physics.time_s,
+            last=(first.snapshot(), second.snapshot()),
+        )
+
+    def _sweep(self) -> None:
+        """Both lidars end their turn; paths are recorded; then who sees whom."""
+        first, second = self._robots
+        first.sweep(self._surroundings.lidar_scene, second)
+        second.sweep(self._surroundings.lidar_scene, first)
+        self._sweeps += 1
+        meeting = self._meeting()
+        for robot in self._robots:
+            if meeting or (self._sweeps - 1) % self._sweeps_per_step == 0:
+                robot.trajectory.append(np.array([self._physics.time_s, *robot.explorer.slam.pose()]))
+                robot.trajectory_w.append(np.array([self._physics.time_s, *robot.knots_w[-1]]))
+        if meeting:
+            self._record(meeting)
+        for robot in self._robots:
+            robot.knots_w = robot.knots_w[-1:]
+
+    def _meeting(self) -> tuple[Sighting | None, Sighting | None] | None:
+        """The views of both robots, None unless one of them is a sighting to record."""
+        if self._physics.time_s < self._next_event_s:
+            return None
+        if any(r.travelled_m < m for r, m in zip(self._robots, self._next_event_m, strict=True)):
+            return None
+        first, second = self._robots
+        views = (self._sight(first, second), self._sight(second, first))
+        if views == (None, None):
+            return None
+        least_m2 = self._p.least_explored_m2
+        if any(robot.explorer.slam.mapper.known_area_m2() < least_m2 for robot in self._robots):
+            return None
+        return views
+
+    def _sight(self, observer: _Robot, seen: _Robot) -> Sighting | None:
+        p = self._p.sighting
+        view = sight(
+            observer.spec,
+            seen.spec,
+            SE2.from_array(observer.knots_w[-1]),
+            SE2.from_array(seen.knots_w[-1]),
+            self._surroundings.sight_obstacles,
+            min_range_m=p.min_range_m,
+            max_range_m=p.max_range_m,
+        )
+        return view if view is not None and view.visible_fraction >= p.least_visible else None
+
+    def _record(self, sightings: tuple[Sighting | None, Sighting | None]) -> None:
+        first, second = self._robots
+        self._events.append(
+            Event(
+                t_s=self._physics.time_s,
+                sightings=sightings,
+                snapshots=(first.snapshot(), second.snapshot()),
+            )
+        )
+        self._next_event_s = self._physics.time_s + self._p.event_gap_s
+        self._next_event_m = [robot.travelled_m + self._p.event_gap_m for robot in self._robots]
+
+
+@nb.njit(cache=True)
+def _poses_along(knots: Array, count: int, x_m: float) -> Array:
+    """(count, 3): poses of a point at x on the robot's axis, evenly spaced in time over the knots (K, 3)."""
+    poses = np.empty((count, 3))
+    for i in range(count):
+        at = i * (knots.shape[0] - 1) / count
+        k = int(at)
+        f = at - k
+        yaw = knots[k, 2] + f * (knots[k + 1, 2] - knots[k, 2])
+        poses[i, 0] = knots[k, 0] + f * (knots[k + 1, 0] - knots[k, 0]) + x_m * math.cos(yaw)
+        poses[i, 1] = knots[k, 1] + f * (knots[k + 1, 1] - knots[k, 1]) + x_m * math.sin(yaw)
+        poses[i, 2] = yaw
+    return poses

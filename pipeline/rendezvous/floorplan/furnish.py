@@ -1,0 +1,163 @@
+"""Put furniture into a floor plan so that a robot still gets everywhere."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rendezvous.errors import FloorplanError
+from rendezvous.floorplan.catalogue import Maker
+from rendezvous.floorplan.piece import Piece
+from rendezvous.floorplan.recipes import Recipe, recipe_for
+from rendezvous.floorplan.records import Floorplan, Room, Solid
+from rendezvous.floorplan.site import CELL_M, Site
+from rendezvous.geometry.se2 import Array
+
+TRIES = 10
+"""Places tried for one piece."""
+
+FAILURES = 8
+"""A room is full when this many pieces in a row find no place."""
+
+ROUND_M2 = 18.0
+"""Floor per round of a recipe: only large rooms hold the same twice."""
+
+MIN_AGREEMENT = 0.3
+"""Intersection over union from which on a label is a room's."""
+
+WALL_SPOT_STEP_M = 0.2
+
+
+def furnish(floorplan: Floorplan, rng: np.random.Generator, *, density: float) -> tuple[Solid, ...]:
+    """Furniture for one episode.
+
+    Solids that start below `DRIVE_UNDER_M` stand on the floor and are at least 0.25 m high, so that the lidar
+    sees them; the others are table tops and the like, above the robot. Doorways stay clear. A robot of radius
+    0.105 m still reaches, with clearance, nearly all that it could reach before, and every start region.
+
+    Args:
+        floorplan: a validated plan.
+        rng: draws pieces and places.
+        density: 0 none, 1 moderate, 2 crowded.
+
+    Returns:
+        The solids; those of one piece share `item`, numbered from 0.
+
+    Raises:
+        FloorplanError: the density is out of range.
+    """
+    if not 0.0 <= density <= 3.0:
+        raise FloorplanError(f"furniture density {density}; must be from 0 (none) to 3 (packed)")
+    if density == 0.0:
+        return ()
+    site = Site(floorplan)
+    solids: list[Solid] = []
+    spots = _wall_spots(floorplan, site)
+    for cells, room_spots in zip(site.cells_per_room(), spots, strict=True):
+        if len(room_spots) and len(cells):
+            item = solids[-1].item + 1 if solids else 0
+            room = _FloorSpace(site=site, cells=cells, spots=room_spots)
+            solids += _furnished(room, _category(room, floorplan.rooms), rng, density=density, item=item)
+    return tuple(solids)
+
+
+class _FloorSpace:
+    """One room of a site: a quarter of its cells (N, 2) row, col, and its wall spots (M, 3).
+
+    A wall spot is x [m], y [m] on a wall and the heading of the wall's normal [rad].
+    """
+
+    def __init__(self, *, site: Site, cells: NDArray[np.int64], spots: Array) -> None:
+        self.site, self.cells, self.spots = site, cells, spots
+        self.area_m2 = 4.0 * len(cells) * CELL_M**2
+
+
+def _furnished(
+    room: _FloorSpace, category: str, rng: np.random.Generator, *, density: float, item: int
+) -> list[Solid]:
+    """Pieces until the floor that they take reaches the room's budget, or no more find a place."""
+    recipe = recipe_for(category, area_m2=room.area_m2)
+    # Uniform: the rooms of one storey are not equally full.
+    budget_m2 = density * recipe.fill * room.area_m2 * rng.uniform(0.6, 1.4)
+    solids: list[Solid] = []
+    failures = 0
+    for make in _queue(recipe, rng, rounds=1 + int(density * room.area_m2 / ROUND_M2)):
+        piece = make(rng)
+        area_m2 = 4.0 * piece.half_x_m * piece.half_y_m
+        if area_m2 > 1.5 * budget_m2:
+            continue
+        pose = room.site.place_in_place(piece, _poses(piece, room, rng))
+        failures = 0 if pose is not None else failures + 1
+        if failures == FAILURES:
+            break
+        if pose is not None:
+            solids += piece.placed(pose, item=item)
+            budget_m2 -= area_m2
+            item += 1
+    return solids
+
+
+def _queue(recipe: Recipe, rng: np.random.Generator, *, rounds: int) -> Iterator[Maker]:
+    """What makes the room what it is, then the rest in random order, each once per round."""
+    yield from recipe.first
+    for _ in range(rounds):
+        for i in rng.permutation(len(recipe.then)):
+            yield recipe.then[i]
+
+
+def _poses(piece: Piece, room: _FloorSpace, rng: np.random.Generator) -> Array:
+    """(T, 3) x [m], y [m], yaw [rad] to try."""
+    return _wall_poses(piece, room.spots, rng) if piece.at_wall else _free_poses(room, rng)
+
+
+def _wall_poses(piece: Piece, spots: Array, rng: np.random.Generator) -> Array:
+    """(T, 3) x [m], y [m], yaw [rad]: back to a wall."""
+    x_m, y_m, normal_rad = spots[rng.integers(len(spots), size=TRIES)].T
+    # The gap is uniform, the turn normal with 0.6 degrees: nobody aligns a cupboard better.
+    away_m = piece.half_y_m + rng.uniform(0.01, 0.08, size=TRIES)
+    yaw_rad = normal_rad - 0.5 * math.pi + rng.normal(0.0, 0.01, size=TRIES)
+    return np.column_stack([x_m + away_m * np.cos(normal_rad), y_m + away_m * np.sin(normal_rad), yaw_rad])
+
+
+def _free_poses(room: _FloorSpace, rng: np.random.Generator) -> Array:
+    """(T, 3) x [m], y [m], yaw [rad]: anywhere, four in five about square to a wall."""
+    row_col = room.cells[rng.integers(len(room.cells), size=TRIES)]
+    xy_m = room.site.origin_m + CELL_M * (row_col[:, ::-1] + 2.0 * rng.random((TRIES, 2)))
+    normal_rad = room.spots[rng.integers(len(room.spots), size=TRIES), 2]
+    square_rad = normal_rad + 0.5 * math.pi * rng.integers(4, size=TRIES) + rng.normal(0.0, 0.06, size=TRIES)
+    any_rad = rng.uniform(-math.pi, math.pi, size=TRIES)
+    return np.column_stack([xy_m, np.where(rng.random(TRIES) < 0.8, square_rad, any_rad)])
+
+
+def _wall_spots(floorplan: Floorplan, site: Site) -> list[Array]:
+    """Per room (M, 3): points along its walls and the heading away from the wall."""
+    edges_m = floorplan.edges_m()
+    step_m = edges_m[:, 2:] - edges_m[:, :2]
+    length_m = np.linalg.norm(step_m, axis=1)
+    count = np.floor(length_m / WALL_SPOT_STEP_M).astype(int)
+    edge = np.repeat(np.arange(len(edges_m)), count)
+    # Free space lies to the left of every edge.
+    normal_rad = np.arctan2(step_m[edge, 0], -step_m[edge, 1])
+    within = np.arange(len(edge)) - np.repeat(np.cumsum(count) - count, count)
+    p_m = edges_m[edge, :2] + step_m[edge] * ((within + 0.5) / count[edge])[:, None]
+    rooms = site.room_at(p_m + 3.0 * CELL_M * np.stack([np.cos(normal_rad), np.sin(normal_rad)], axis=1))
+    spots = np.column_stack([p_m, normal_rad])
+    return [spots[rooms == room] for room in range(1, site.room_count + 1)]
+
+
+def _category(room: _FloorSpace, labels: tuple[Room, ...]) -> str:
+    """The label whose box agrees best with the room's, by intersection over union; none if all are poor."""
+    if not labels:
+        return ""
+    boxes_m = np.array([label.box_m for label in labels])
+    # Quantiles: some cells in the doorways are nearer to the next room.
+    low_m, high_m = np.quantile(room.site.origin_m + CELL_M * room.cells[:, ::-1], [0.02, 0.98], axis=0)
+    shared_m = np.minimum(boxes_m[:, 2:], high_m) - np.maximum(boxes_m[:, :2], low_m)
+    shared_m2 = np.prod(np.maximum(shared_m, 0.0), axis=1)
+    box_m2 = np.prod(boxes_m[:, 2:] - boxes_m[:, :2], axis=1)
+    agreement = shared_m2 / (box_m2 + np.prod(high_m - low_m) - shared_m2)
+    best = int(np.argmax(agreement))
+    return labels[best].category if agreement[best] > MIN_AGREEMENT else ""

@@ -1,0 +1,252 @@
+"""Generate floor plans: apartments, offices with corridors, larger halls."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from shapely import LineString, Polygon
+
+from rendezvous.errors import FloorplanError
+from rendezvous.floorplan.layouts import Layout, apartment, hall, office, tapered
+from rendezvous.floorplan.partition import is_compact, shared_walls
+from rendezvous.floorplan.records import Floorplan, Room
+from rendezvous.floorplan.validate import FloorplanLimits, validated
+from rendezvous.geometry.se2 import Array
+from rendezvous.seeds import stream
+
+ATTEMPTS = 50
+"""Layouts drawn before giving up; the share that fails is a few per cent."""
+
+SHIPPED_KINDS = ("apartment", "office", "apartment", "hall", "office", "apartment")
+
+ALL_REACHABLE = FloorplanLimits(min_reachable_share=0.97)
+"""Stricter than for plans from elsewhere: no room of ours may be shut."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GeneratorParameters:
+    """What plans are drawn from; ranges are (least, most).
+
+    Attributes:
+        apartment, office, hall: weights of the kinds.
+        rooms: number of rooms, corridors included.
+        wall_thickness_m: of the partition walls; single walls are thicker, never above the range.
+        door_width_m: clear width of doors; archways are wider.
+        slanted_share: share of plans with slanted walls.
+        loop_share: probability of a door beyond those that connect all rooms, per pair of neighbours.
+        niche_share: probability of a pilaster, shaft or window bay, per room.
+    """
+
+    apartment: float = 0.45
+    office: float = 0.35
+    hall: float = 0.2
+    rooms: tuple[int, int] = (3, 20)
+    wall_thickness_m: tuple[float, float] = (0.08, 0.3)
+    door_width_m: tuple[float, float] = (0.7, 1.2)
+    slanted_share: float = 0.4
+    loop_share: float = 0.25
+    niche_share: float = 0.35
+
+    def __post_init__(self) -> None:
+        if min(self.apartment, self.office, self.hall) < 0 or self.apartment + self.office + self.hall <= 0:
+            raise FloorplanError(
+                f"generator: weights apartment {self.apartment}, office {self.office}, hall {self.hall}; "
+                "must not be negative, nor all zero"
+            )
+        for name, low, high in (
+            ("rooms", 3, 20),
+            ("wall_thickness_m", 0.05, 0.4),
+            ("door_width_m", 0.6, 1.4),
+        ):
+            least, most = getattr(self, name)
+            if not low <= least <= most <= high:
+                raise FloorplanError(
+                    f"generator: {name} is ({least}, {most}); must be (least, most) within {low} to {high}"
+                )
+
+
+def generate_floorplan(
+    rng: np.random.Generator, *, plan_id: str, parameters: GeneratorParameters | None = None
+) -> Floorplan:
+    """A valid floor plan.
+
+    Args:
+        rng: the plan is a function of its state.
+        plan_id: name of the plan.
+        parameters: what it is drawn from.
+
+    Raises:
+        FloorplanError: no valid plan in `ATTEMPTS` layouts; the parameters contradict each other.
+    """
+    drawn_from = parameters or GeneratorParameters()
+    weights = np.array([drawn_from.apartment, drawn_from.office, drawn_from.hall])
+    # Categorical over the kinds.
+    kind = rng.choice(3, p=weights / weights.sum())
+    reason = ""
+    for _ in range(ATTEMPTS):
+        slanted = rng.random() < drawn_from.slanted_share
+        layout = (apartment, office, hall)[kind](rng, slanted=slanted)
+        if slanted and rng.random() < 0.4:
+            layout = tapered(layout, rng)
+        if not drawn_from.rooms[0] <= len(layout.cells) <= drawn_from.rooms[1]:
+            reason = f"{len(layout.cells)} rooms"
+            continue
+        if _wraps(layout):
+            reason = "a room wraps around another"
+            continue
+        try:
+            return validated(_built(layout, rng, plan_id, drawn_from), limits=ALL_REACHABLE)
+        except FloorplanError as error:
+            reason = str(error)
+    raise FloorplanError(f"{plan_id}: no valid plan in {ATTEMPTS} attempts, the last one: {reason}")
+
+
+def shipped_floorplans(count: int, *, seed: int = 0) -> list[Floorplan]:
+    """The plans of the folder `floorplans/`: `rdv-000`, `rdv-001`, ..., kinds by turns."""
+    plans = []
+    for index in range(count):
+        plan_id = f"rdv-{index:03d}"
+        kind = SHIPPED_KINDS[index % len(SHIPPED_KINDS)]
+        parameters = GeneratorParameters(
+            apartment=float(kind == "apartment"), office=float(kind == "office"), hall=float(kind == "hall")
+        )
+        plans.append(
+            generate_floorplan(stream(seed, "shipped", plan_id), plan_id=plan_id, parameters=parameters)
+        )
+    return plans
+
+
+def _wraps(layout: Layout) -> bool:
+    """Whether a room is wrapped around the hub or around several others."""
+    hub = layout.cells[layout.hub]
+    others = [cell for i, cell in enumerate(layout.cells) if i != layout.hub]
+    return any(
+        not is_compact(cell) or cell.convex_hull.intersection(hub).area > 0.5 * hub.area for cell in others
+    )
+
+
+def _built(
+    layout: Layout, rng: np.random.Generator, plan_id: str, parameters: GeneratorParameters
+) -> Floorplan:
+    """The layout with walls of some thickness, doors, niches and posts."""
+    # Most partition walls are thin: a beta distribution that leans to the low end of the range.
+    least_m, most_m = parameters.wall_thickness_m
+    wall_m = least_m + (most_m - least_m) * rng.beta(1.3, 3.0)
+    rooms = [cell.buffer(-0.5 * wall_m, join_style="mitre") for cell in layout.cells]
+    if not all(isinstance(room, Polygon) and not room.is_empty for room in rooms):
+        raise FloorplanError(f"{plan_id}: a room falls apart between walls of {wall_m:.2f} m")
+    walls = shared_walls(layout.cells)
+    solids = [*layout.posts, *_thick_walls(list(walls.values()), rng, wall_m, most_m)]
+    openings = []
+    for i, j in _connected(layout, walls, rng, parameters):
+        openings.append(_opening(walls[i, j], rng, layout, (i, j), parameters, most_m))
+    doorways = shapely.union_all([opening.buffer(0.45, quad_segs=2) for opening in openings])
+    solids += [s for s in _niches(rooms, rng, parameters.niche_share) if not s.intersects(doorways)]
+    free = shapely.union_all(rooms).difference(shapely.union_all(solids))
+    free = shapely.union_all([free, *openings])
+    if not isinstance(free, Polygon):
+        raise FloorplanError(f"{plan_id}: {len(shapely.get_parts(free))} pieces of free space")
+    x0, y0 = free.bounds[:2]
+    corner = np.round([x0, y0], 3)
+    return Floorplan(
+        plan_id=plan_id,
+        outline_m=np.asarray(free.exterior.coords[:-1]) - corner,
+        holes_m=tuple(np.asarray(ring.coords[:-1]) - corner for ring in free.interiors),
+        rooms=tuple(
+            Room(category=category, box_m=_box(room, corner))
+            for category, room in zip(layout.categories, rooms, strict=True)
+        ),
+    )
+
+
+def _box(room: Polygon, corner_m: Array) -> tuple[float, float, float, float]:
+    # Adding 0 turns -0.0 into 0.0.
+    box_m = np.round(np.array(room.bounds) - np.tile(corner_m, 2), 3) + 0.0
+    x0, y0, x1, y1 = box_m.tolist()
+    return x0, y0, x1, y1
+
+
+def _connected(
+    layout: Layout,
+    walls: dict[tuple[int, int], Array],
+    rng: np.random.Generator,
+    parameters: GeneratorParameters,
+) -> list[tuple[int, int]]:
+    """Pairs of rooms with a door: a tree grown from the hub, then some more that close loops.
+
+    A room opens to the hub if it has a wall with it, otherwise to a room that is already connected.
+    """
+    fits_m = parameters.door_width_m[0] + 2.0 * parameters.wall_thickness_m[1]
+    long_enough = [pair for pair, wall_m in walls.items() if np.linalg.norm(wall_m[1] - wall_m[0]) > fits_m]
+    reached, doors = {layout.hub}, []
+    while True:
+        frontier = [pair for pair in long_enough if len(reached & set(pair)) == 1]
+        if not frontier:
+            break
+        to_hub = [pair for pair in frontier if layout.hub in pair]
+        pool = to_hub or frontier
+        pair = pool[int(rng.integers(len(pool)))]
+        doors.append(pair)
+        reached |= set(pair)
+    extra = [pair for pair in long_enough if pair not in doors and rng.random() < parameters.loop_share]
+    return doors + extra
+
+
+def _opening(
+    wall_m: Array,
+    rng: np.random.Generator,
+    layout: Layout,
+    pair: tuple[int, int],
+    parameters: GeneratorParameters,
+    depth_m: float,
+) -> Polygon:
+    """A door through a wall; between halls and living rooms sometimes an archway."""
+    length_m = float(np.linalg.norm(wall_m[1] - wall_m[0]))
+    margin_m = 0.5 * parameters.wall_thickness_m[1] + 0.06
+    room_m = length_m - 2.0 * margin_m
+    # Uniform widths.
+    width_m = min(rng.uniform(*parameters.door_width_m), room_m)
+    wide = {"Living_Room", "Dining_Room", "Hall", "Kitchen"}
+    if {layout.categories[i] for i in pair} <= wide and room_m > 1.5 and rng.random() < 0.5:
+        width_m = rng.uniform(1.4, min(2.2, room_m))
+    # Half of the doors are near a corner, the others anywhere along the wall.
+    slack_m = room_m - width_m
+    shift_m = slack_m * (rng.choice([0.0, 1.0]) if rng.random() < 0.5 else rng.random())
+    along = (wall_m[1] - wall_m[0]) / length_m
+    start = wall_m[0] + along * (margin_m + shift_m)
+    # Deep enough to pierce the thickest wall.
+    return LineString([start, start + along * width_m]).buffer(0.5 * depth_m + 0.01, cap_style="flat")
+
+
+def _thick_walls(
+    walls_m: list[Array], rng: np.random.Generator, wall_m: float, most_m: float
+) -> list[Polygon]:
+    """One wall in five bears more: up to twice as thick."""
+    return [
+        LineString(ends_m).buffer(0.5 * min(wall_m * rng.uniform(1.3, 2.0), most_m), cap_style="flat")
+        for ends_m in walls_m
+        if rng.random() < 0.2
+    ]
+
+
+def _niches(rooms: list[Polygon], rng: np.random.Generator, share: float) -> list[Polygon]:
+    """Pilasters and shafts: boxes that stand in from a wall or a corner, square to it."""
+    niches = []
+    for room in rooms:
+        if room.area < 5.0 or rng.random() >= share:
+            continue
+        ring_m = np.asarray(room.exterior.coords)
+        edge = int(rng.integers(len(ring_m) - 1))
+        start, step = ring_m[edge], ring_m[edge + 1] - ring_m[edge]
+        length_m = float(np.linalg.norm(step))
+        # Uniform: a shaft in a corner is 0.3 to 0.7 m wide, a pilaster 0.2 to 0.5 m; both stand out less.
+        in_corner = rng.random() < 0.5
+        width_m = min(rng.uniform(0.3, 0.7) if in_corner else rng.uniform(0.2, 0.5), 0.3 * length_m)
+        depth_m = width_m * rng.uniform(0.4, 0.9)
+        at_m = 0.0 if in_corner else rng.uniform(0.0, length_m - width_m)
+        a = start + step / length_m * at_m
+        b = a + step / length_m * width_m
+        niches.append(LineString([a, b]).buffer(depth_m, cap_style="flat"))
+    return niches

@@ -1,0 +1,72 @@
+"""The cuboid around an object: its nine points in DOPE's order, their image, and the pose they give back."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from rendezvous.geometry.camera import PinholeCamera
+from rendezvous.geometry.se2 import Array
+
+Vec3 = tuple[float, float, float]
+
+CUBOID_CORNER_SIGNS: tuple[tuple[int, int, int], ...] = (
+    (+1, -1, +1),
+    (-1, -1, +1),
+    (-1, +1, +1),
+    (+1, +1, +1),
+    (+1, -1, -1),
+    (-1, -1, -1),
+    (-1, +1, -1),
+    (+1, +1, -1),
+    (0, 0, 0),
+)
+"""DOPE's order: point i lies at signs · half sides along the axes x, y, z of o; the centroid is last."""
+
+
+def cuboid_points(size_m: Vec3) -> Array:
+    """(9, 3) [m] in o: the corners in DOPE's order, then the centroid."""
+    return 0.5 * np.array(CUBOID_CORNER_SIGNS, np.float64) * np.array(size_m)
+
+
+def project_cuboid(T_c_o: Array, size_m: Vec3, camera: PinholeCamera) -> Array:
+    """(9, 2) [px]: the nine points' image, also outside of the picture; NaN for points behind the camera.
+
+    Args:
+        T_c_o: (4, 4) pose of the cuboid in the camera.
+        size_m: sides along the axes of o.
+        camera: intrinsics.
+    """
+    return camera.project(cuboid_points(size_m) @ T_c_o[:3, :3].T + T_c_o[:3, 3])
+
+
+def pose_from_cuboid(uv_px: Array, size_m: Vec3, camera: PinholeCamera) -> Array | None:
+    """(4, 4) `T_c_o` whose cuboid projects to the points: perspective-n-point over those that are known.
+
+    SQPnP, then least squares on the pixels. (DOPE's solver is EPnP alone, which is far off the more often the
+    fewer points are known.) Four corners of one plane through the centroid leave two poses to choose from.
+
+    Args:
+        uv_px: (9, 2) in DOPE's order; NaN for a point that is not known.
+        size_m: sides along the axes of o.
+        camera: intrinsics.
+
+    Returns:
+        None where fewer than four points are known, all of them lie in one place, or no pose puts the cuboid
+        in front of the camera.
+    """
+    known = np.isfinite(uv_px).all(axis=1)
+    if known.sum() < 4:
+        return None
+    p_o, uv, K = cuboid_points(size_m)[known], np.ascontiguousarray(uv_px[known]), camera.K()
+    try:
+        found, rvec, tvec = cv2.solvePnP(p_o, uv, K, None, flags=cv2.SOLVEPNP_SQPNP)
+    except cv2.error:  # the points lie in one place
+        return None
+    if not found:
+        return None
+    rvec, tvec = cv2.solvePnPRefineLM(p_o, uv, K, None, rvec, tvec)
+    T_c_o = np.eye(4)
+    T_c_o[:3, :3] = cv2.Rodrigues(rvec)[0]
+    T_c_o[:3, 3] = tvec.ravel()
+    return T_c_o if np.isfinite(T_c_o).all() and T_c_o[2, 3] > 0.0 else None

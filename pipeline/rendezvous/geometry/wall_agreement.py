@@ -1,0 +1,56 @@
+"""How well the walls of two maps coincide."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from rendezvous.geometry.occupancy_grid import UNKNOWN, OccupancyGrid
+from rendezvous.geometry.se2 import SE2, Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WallAgreement:
+    """How the occupied cells of two aligned maps coincide.
+
+    Attributes:
+        compared: occupied cells of either map that lie in the other's known area.
+        near: those of them that have an occupied cell of the other map within the tolerance.
+    """
+
+    compared: int
+    near: int
+
+    @property
+    def share(self) -> float | None:
+        """near / compared, in [0, 1]; None where nothing could be compared."""
+        return self.near / self.compared if self.compared else None
+
+
+def wall_agreement(
+    grid_0: OccupancyGrid, grid_1: OccupancyGrid, T_m0_m1: SE2, *, tolerance_m: float = 0.10
+) -> WallAgreement:
+    """Compares the walls of two maps, each against the other, with grid 1 placed by `T_m0_m1`.
+
+    A cell stands for its centre; distances are between centres, not rounded to cells.
+    """
+    there = _one_way(grid_0, grid_1, T_m0_m1.inverse(), tolerance_m)
+    back = _one_way(grid_1, grid_0, T_m0_m1, tolerance_m)
+    return WallAgreement(compared=there[0] + back[0], near=there[1] + back[1])
+
+
+def _one_way(grid_a: OccupancyGrid, grid_b: OccupancyGrid, T_b_a: SE2, tolerance_m: float) -> tuple[int, int]:
+    walls_b = T_b_a @ grid_a.cell_centres(grid_a.occupied())
+    compared = walls_b[grid_b.sample(walls_b) != UNKNOWN]
+    return len(compared), count_near(compared, grid_b.cell_centres(grid_b.occupied()), tolerance_m)
+
+
+def count_near(points_m: Array, targets_m: Array, tolerance_m: float) -> int:
+    """How many of points (N, 2) [m] have one of targets (M, 2) [m] within the tolerance, itself included."""
+    if not len(points_m) or not len(targets_m):
+        return 0
+    # cKDTree's bound is exclusive; the nanometre keeps cells exactly a tolerance apart whatever the rounding.
+    distance_m, _ = cKDTree(targets_m).query(points_m, distance_upper_bound=tolerance_m + 1e-9)
+    return int(np.isfinite(distance_m).sum())

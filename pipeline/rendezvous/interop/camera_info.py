@@ -1,0 +1,172 @@
+"""Calibrations of cameras as ROS has them: the pinhole camera, and how its lens bends the image.
+
+Two forms are read: the YAML of `camera_calibration` and `camera_info_manager` (`camera_matrix: {data: ...}`),
+and a `sensor_msgs/CameraInfo` message as `ros2 topic echo` prints it (`k`, `d`; `K`, `D` in ROS 1).
+
+The undistorted image is that of the same `K`, so a calibration of distortion 0 changes nothing. An image of
+the topic `image_rect` is undistorted already: it belongs to a calibration without distortion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from rendezvous.errors import CameraError
+from rendezvous.geometry.camera import PinholeCamera
+from rendezvous.geometry.se2 import Array
+from rendezvous.interop.yaml_fields import number, numbers, read_yaml_fields, short
+
+FISHEYE_MODELS = ("equidistant", "fisheye")
+COEFFICIENT_COUNTS = {
+    "plumb_bob": (4, 5),
+    "rational_polynomial": (8,),
+    **dict.fromkeys(FISHEYE_MODELS, (4,)),
+}
+"""How many coefficients a model may have; none at all is a lens without distortion."""
+
+RIGHT = "a camera calibration of ROS (image_width, image_height, camera_matrix, distortion_coefficients)"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CameraInfo:
+    """A camera with its lens.
+
+    Attributes:
+        camera: the pinhole camera; pixel (0, 0) is the centre of the first pixel, as OpenCV has it.
+        distortion_model: `plumb_bob`, `rational_polynomial` or `equidistant` (`fisheye` is the same).
+        distortion: the model's coefficients in OpenCV's order; empty for none.
+    """
+
+    camera: PinholeCamera
+    distortion_model: str
+    distortion: tuple[float, ...]
+
+    def undistorted(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """The image (H, W) or (H, W, 3) as the pinhole camera sees it; black where the lens saw nothing.
+
+        Raises:
+            CameraError: the image has another size than the calibration.
+        """
+        height, width = image.shape[:2]
+        camera = self.camera
+        if (width, height) != (camera.width_px, camera.height_px):
+            raise CameraError(
+                f"image of {width} x {height} px; the camera is calibrated for {camera.width_px} x "
+                f"{camera.height_px} px"
+            )
+        fisheye = self.distortion_model in FISHEYE_MODELS
+        # A fisheye lens bends the image also where its coefficients are 0.
+        if not self.distortion or not (fisheye or any(self.distortion)):
+            return image.copy()
+        K, distortion = camera.K(), np.array(self.distortion)
+        if fisheye:
+            return np.asarray(cv2.fisheye.undistortImage(image, K, distortion, Knew=K), np.uint8)
+        return np.asarray(cv2.undistort(image, K, distortion), np.uint8)
+
+
+def read_camera_info(path: Path) -> CameraInfo:
+    """Reads a calibration in either form.
+
+    Raises:
+        CameraError: the file is missing or no calibration, or a value is wrong; says which.
+    """
+    fields = read_yaml_fields(path, CameraError, right=RIGHT)
+    _require_whole_image(fields, path)
+    model = fields.get("distortion_model") or "plumb_bob"
+    if not isinstance(model, str) or model not in COEFFICIENT_COUNTS:
+        raise CameraError(
+            f"{path}: distortion_model is {short(model)}; must be one of {', '.join(COEFFICIENT_COUNTS)}"
+        )
+    distortion = _list(fields, ("distortion_coefficients", "d", "D"), path)
+    if distortion and len(distortion) not in COEFFICIENT_COUNTS[model]:
+        counts = " or ".join(str(count) for count in COEFFICIENT_COUNTS[model])
+        raise CameraError(f"{path}: {model} has {len(distortion)} coefficients; must be {counts}, or none")
+    return CameraInfo(camera=_camera(fields, path), distortion_model=model, distortion=tuple(distortion))
+
+
+def write_camera_info(camera: PinholeCamera, path: Path) -> None:
+    """Writes a camera without distortion as `camera_calibration` does, for ROS and `read_camera_info`."""
+    K = camera.K()
+    fields = {
+        "image_width": camera.width_px,
+        "image_height": camera.height_px,
+        "camera_name": path.stem,
+        "camera_matrix": _matrix(K),
+        "distortion_model": "plumb_bob",
+        "distortion_coefficients": _matrix(np.zeros((1, 5))),
+        "rectification_matrix": _matrix(np.eye(3)),
+        "projection_matrix": _matrix(np.column_stack([K, np.zeros(3)])),
+    }
+    path.write_text(yaml.safe_dump(fields, sort_keys=False, default_flow_style=None), encoding="utf-8")
+
+
+def _matrix(values: Array) -> dict[str, Any]:
+    rows, cols = values.shape
+    return {"rows": rows, "cols": cols, "data": values.ravel().tolist()}
+
+
+def _camera(fields: Mapping[str, Any], path: Path) -> PinholeCamera:
+    K = _list(fields, ("camera_matrix", "k", "K"), path)
+    if len(K) != 9:
+        raise CameraError(f"{path}: the camera matrix has {len(K)} numbers; must be 9, row by row")
+    fx_px, skew, cx_px, zero_0, fy_px, cy_px, *last_row = K
+    if (skew, zero_0, *last_row) != (0.0, 0.0, 0.0, 0.0, 1.0) or fx_px <= 0.0 or fy_px <= 0.0:
+        raise CameraError(
+            f"{path}: the camera matrix is {short(K)}; must be [fx, 0, cx, 0, fy, cy, 0, 0, 1] with focal "
+            "lengths above 0 px"
+        )
+    return PinholeCamera(
+        fx_px=fx_px,
+        fy_px=fy_px,
+        cx_px=cx_px,
+        cy_px=cy_px,
+        width_px=_size(fields, ("image_width", "width"), path),
+        height_px=_size(fields, ("image_height", "height"), path),
+    )
+
+
+def _list(fields: Mapping[str, Any], keys: tuple[str, ...], path: Path) -> list[float]:
+    """The numbers under the first of the keys that is there, plain or as a matrix's `data`."""
+    key = _present(fields, keys, path)
+    value = fields[key]
+    values = numbers(value.get("data") if isinstance(value, dict) else value)
+    if values is None:
+        raise CameraError(f"{path}: {key} is {short(value)}; must be a list of numbers")
+    return values
+
+
+def _size(fields: Mapping[str, Any], keys: tuple[str, ...], path: Path) -> int:
+    key = _present(fields, keys, path)
+    value = fields[key]
+    size_px = number(value)
+    if size_px is None or size_px < 1 or size_px != round(size_px):
+        raise CameraError(f"{path}: {key} is {short(value)}; must be a whole number of pixels above 0")
+    return int(size_px)
+
+
+def _present(fields: Mapping[str, Any], keys: tuple[str, ...], path: Path) -> str:
+    for key in keys:
+        if key in fields:
+            return key
+    raise CameraError(f"{path}: no key {' or '.join(repr(key) for key in keys)}; must be {RIGHT}")
+
+
+def _require_whole_image(fields: Mapping[str, Any], path: Path) -> None:
+    """A message may speak of a binned image or of a part of it, to which `K` does not apply as it is."""
+    for key in ("binning_x", "binning_y"):
+        if fields.get(key) not in (None, 0, 1):
+            raise CameraError(f"{path}: {key} is {short(fields[key])}; must be 0 or 1, an image not binned")
+    roi = fields.get("roi")
+    if not isinstance(roi, dict):
+        return
+    part = [roi.get(key, 0) for key in ("x_offset", "y_offset", "width", "height")]
+    if part not in ([0, 0, 0, 0], [0, 0, fields.get("width"), fields.get("height")]):
+        raise CameraError(f"{path}: roi is x, y, width, height {short(part)}; must be 0, or the whole image")

@@ -1,0 +1,136 @@
+"""DOPE's training labels: `X.json` beside `X.png`, as the NViSII scripts of Deep_Object_Pose write them.
+
+The official loader reads `objects[]` with `class`, `visibility` (what is above 0 counts) and
+`projected_cuboid`; its evaluation reads `location` and `quaternion_xyzw` too. Poses are in the camera (x
+right, y down, z forward). As our labels keep no world, the file's world is the camera.
+
+- `location` is in centimetres, as are the cuboid's dimensions in DOPE's configuration; everything else that
+  DOPE reads is in pixels.
+- Pixel (0, 0) is the centre of the first pixel, and `intrinsics` are for that: PnP with them gives the pose
+  exactly. NViSII's own files count from the corner of that pixel, half a pixel more.
+- The object frame is o: for DOPE's `Cuboid3d` the dimensions are those along x, y and z of o, in this order.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from rendezvous.errors import PipelineError
+from rendezvous.geometry.camera import PinholeCamera
+from rendezvous.geometry.se2 import Array
+from rendezvous.interop.pose_label import PoseLabel
+
+CM_PER_M = 100.0
+
+ABSENT_PX = -100.0
+"""Both coordinates of a point that is not to be learnt; DOPE's loader takes the same for hidden objects."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DopeObject:
+    """One object of a file.
+
+    Attributes:
+        class_name: what it is.
+        visibility: above 0 where it is seen.
+        projected_cuboid_px: (9, 2), centroid last; NaN for a point that is not to be learnt.
+        T_c_o: (4, 4) [m]; None where the file has no pose.
+    """
+
+    class_name: str
+    visibility: float
+    projected_cuboid_px: Array
+    T_c_o: Array | None
+
+
+def dope_document(label: PoseLabel, *, class_name: str) -> dict[str, Any]:
+    """What `X.json` holds for a picture; `objects` is empty where the robot is absent or wholly hidden."""
+    camera = label.camera
+    return {
+        "camera_data": {
+            "width": camera.width_px,
+            "height": camera.height_px,
+            "camera_look_at": {"at": [0.0, 0.0, 1.0], "eye": [0.0, 0.0, 0.0], "up": [0.0, -1.0, 0.0]},
+            "camera_view_matrix": np.eye(4).tolist(),
+            "location_worldframe": [0.0, 0.0, 0.0],
+            "quaternion_xyzw_worldframe": [0.0, 0.0, 0.0, 1.0],
+            "intrinsics": {"fx": camera.fx_px, "fy": camera.fy_px, "cx": camera.cx_px, "cy": camera.cy_px},
+        },
+        "objects": [_object(label, class_name)] if label.visible_px else [],
+    }
+
+
+def dope_json(label: PoseLabel, *, class_name: str) -> bytes:
+    """The file `X.json` of a picture."""
+    return json.dumps(dope_document(label, class_name=class_name), indent=2).encode() + b"\n"
+
+
+def _object(label: PoseLabel, class_name: str) -> dict[str, Any]:
+    T_c_o, uv_px = label.T_c_o, label.projected_cuboid_px()
+    assert T_c_o is not None, "what is visible has a pose"
+    assert uv_px is not None, "what is visible has a pose"
+    uv_px = np.where(np.isfinite(uv_px), uv_px, ABSENT_PX)
+    quat_xyzw = Rotation.from_matrix(T_c_o[:3, :3]).as_quat(canonical=True)
+    return {
+        "class": class_name,
+        "name": f"{class_name}_000",
+        "provenance": "rendezvous",
+        "visibility": label.visibility,
+        "px_count_visib": label.visible_px,
+        "px_count_all": label.silhouette_px,
+        "location": (CM_PER_M * T_c_o[:3, 3]).tolist(),
+        "quaternion_xyzw": quat_xyzw.tolist(),
+        "projected_cuboid": uv_px.tolist(),
+    }
+
+
+def read_dope_document(document: Mapping[str, Any], *, source: str) -> tuple[PinholeCamera, list[DopeObject]]:
+    """The camera and the objects of a file of DOPE's kind.
+
+    Args:
+        document: the parsed `X.json`; points may be nine, or eight and `projected_cuboid_centroid`.
+        source: what to call it in an error.
+
+    Raises:
+        PipelineError: a field is missing or has a wrong shape; says which.
+    """
+    try:
+        data = document["camera_data"]
+        intrinsics = data["intrinsics"]
+        camera = PinholeCamera(
+            width_px=int(data["width"]),
+            height_px=int(data["height"]),
+            **{f"{name}_px": float(intrinsics[name]) for name in ("fx", "fy", "cx", "cy")},
+        )
+        return camera, [_read_object(fields) for fields in document["objects"]]
+    except KeyError as error:
+        raise PipelineError(f"{source}: no field {error}; DOPE's labels have it") from error
+    except (TypeError, ValueError) as error:
+        raise PipelineError(
+            f"{source}: a field is of another shape than in DOPE's labels ({error})"
+        ) from error
+
+
+def _read_object(fields: Mapping[str, Any]) -> DopeObject:
+    points = list(fields["projected_cuboid"])
+    if len(points) == 8:
+        points.append(fields["projected_cuboid_centroid"])
+    uv_px = np.array(points, np.float64).reshape(9, 2)
+    uv_px[(uv_px == ABSENT_PX).all(axis=1)] = np.nan
+    T_c_o = None
+    if "location" in fields and "quaternion_xyzw" in fields:
+        T_c_o = np.eye(4)
+        T_c_o[:3, :3] = Rotation.from_quat(fields["quaternion_xyzw"]).as_matrix()
+        T_c_o[:3, 3] = np.array(fields["location"], np.float64) / CM_PER_M
+    return DopeObject(
+        class_name=str(fields["class"]),
+        visibility=float(fields["visibility"]),
+        projected_cuboid_px=uv_px,
+        T_c_o=T_c_o,
+    )

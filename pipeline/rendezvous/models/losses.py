@@ -1,0 +1,151 @@
+"""What the paper's networks are trained on (Eq. 5 to 7), and the eight rows of its Table I.
+
+The frame error θ says that map 1 as placed is θ applied to map 1 as it should lie: `placed(u) =
+aligned(θ⁻¹ u)`. So map 0, which agrees with the aligned map 1, comes to agree with the placed one when θ is
+applied to it: that is the warp `θ̂ M_0` of Eq. 6, `warped(u) = M_0(θ̂⁻¹ u)`.
+
+Legend: B sample, 2 map, C channel, H W cells, 3 a twist, or a pose x [m], y [m], yaw [rad].
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+from torch.nn import functional
+
+from rendezvous.models import lie
+from rendezvous.models.frame_error import output_pose
+
+DEFAULT_OMEGA = 0.1
+"""Weight of the regulariser where it is on. The paper gives its range, [0, 1], not its value.
+
+The pull of L_reg towards ξ = 0 is as strong for a small ξ as for a large one, that of L_error grows with the
+error: they are level where the error is about ω. At 0.1 the regulariser wins only within a cell of the input.
+"""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AblationRow:
+    """A row of the paper's Table I.
+
+    Attributes:
+        name: what tables, folders and options call it.
+        vit: the transformer; else the convolutional twin.
+        reg: with the regulariser of Eq. 6; else ω is 0.
+        lie: the loss of Eq. 5; else half the squared difference of x, y and yaw.
+    """
+
+    name: str
+    vit: bool
+    reg: bool
+    lie: bool
+
+    @property
+    def omega(self) -> float:
+        """ω of Eq. 7."""
+        return DEFAULT_OMEGA if self.reg else 0.0
+
+
+ABLATION_ROWS: tuple[AblationRow, ...] = (
+    AblationRow(name="cnn", vit=False, reg=False, lie=False),
+    AblationRow(name="cnn-lie", vit=False, reg=False, lie=True),
+    AblationRow(name="cnn-reg", vit=False, reg=True, lie=False),
+    AblationRow(name="cnn-reg-lie", vit=False, reg=True, lie=True),
+    AblationRow(name="vit", vit=True, reg=False, lie=False),
+    AblationRow(name="vit-lie", vit=True, reg=False, lie=True),
+    AblationRow(name="vit-reg", vit=True, reg=True, lie=False),
+    AblationRow(name="vit-reg-lie", vit=True, reg=True, lie=True),
+)
+"""In the order of the paper's table; the last is its method."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FrameErrorLoss:
+    """Means over a batch, scalars.
+
+    Attributes:
+        total: L of Eq. 7, what is minimised.
+        error: L_error.
+        reg: L_reg; 0 where ω is.
+    """
+
+    total: Tensor
+    error: Tensor
+    reg: Tensor
+
+
+def frame_error_loss(
+    network: Callable[[Tensor], Tensor],
+    grid_B2HW: Tensor,
+    theta_B3: Tensor,
+    *,
+    lie_algebra: bool,
+    omega: float,
+    cell_m: float,
+) -> FrameErrorLoss:
+    """L = L_error + ω L_reg (Eq. 7). With ω > 0 the network runs twice, and gradients flow through both.
+
+    Args:
+        network: ξ (B, 3) of a coded pair of maps (B, 2, H, W).
+        grid_B2HW: the input (`frame_error.input_grid`).
+        theta_B3: the true frame error as a pose.
+        lie_algebra: the network gives a twist; else a pose.
+        omega: weight of the regulariser, in [0, 1].
+        cell_m: side of a cell [m].
+    """
+    assert 0.0 <= omega <= 1.0, omega
+    xi_B3 = network(grid_B2HW)
+    error = (lie_error if lie_algebra else plain_error)(xi_B3, theta_B3).mean()
+    if omega == 0.0:
+        return FrameErrorLoss(total=error, error=error, reg=torch.zeros_like(error))
+    theta_hat_B3 = output_pose(xi_B3, lie_algebra=lie_algebra)
+    reg = regulariser(network, grid_B2HW, theta_hat_B3, cell_m=cell_m).mean()
+    return FrameErrorLoss(total=error + omega * reg, error=error, reg=reg)
+
+
+def lie_error(xi_B3: Tensor, theta_B3: Tensor) -> Tensor:
+    """(B,) `½ dᵀ Σ⁻¹ d`, `d = log(exp(ξ) θ⁻¹)`, Σ = I: Eq. 5 of twists ξ and true poses θ."""
+    d_B3 = lie.log(lie.compose(lie.exp(xi_B3), lie.inverse(theta_B3)))
+    return 0.5 * d_B3.square().sum(dim=-1)
+
+
+def plain_error(xi_B3: Tensor, theta_B3: Tensor) -> Tensor:
+    """(B,) `½ ‖ξ − (x, y, yaw)‖²`: Table I without `lie`. The difference of the yaws is not wrapped."""
+    return 0.5 * (xi_B3 - theta_B3).square().sum(dim=-1)
+
+
+def regulariser(
+    network: Callable[[Tensor], Tensor], grid_B2HW: Tensor, theta_hat_B3: Tensor, *, cell_m: float
+) -> Tensor:
+    """(B,) `‖M(θ̂ M_0, T̃ M_1)‖₂` (Eq. 6): what the network still finds once θ̂ has moved map 0."""
+    map_0_B1HW, map_1_B1HW = grid_B2HW[:, :1], grid_B2HW[:, 1:]
+    moved_B2HW = torch.cat([warp(map_0_B1HW, theta_hat_B3, cell_m=cell_m), map_1_B1HW], dim=1)
+    return torch.linalg.vector_norm(network(moved_B2HW), dim=-1)
+
+
+def warp(grid_BCHW: Tensor, pose_B3: Tensor, *, cell_m: float) -> Tensor:
+    """(B, C, H, W) grids moved by poses about the window's centre: `warped(u) = grid(pose⁻¹ u)`.
+
+    Bilinear and differentiable in both (a spatial transformer). What comes from outside the window is
+    unknown, 0.
+
+    Args:
+        grid_BCHW: square coded grids, H = W.
+        pose_B3: in the window frame.
+        cell_m: side of a cell [m].
+    """
+    half_m = 0.5 * grid_BCHW.shape[-1] * cell_m
+    x, y, yaw = lie.inverse(pose_B3).unbind(-1)
+    c, s = torch.cos(yaw), torch.sin(yaw)
+    rows = [torch.stack([c, -s, x / half_m], dim=-1), torch.stack([s, c, y / half_m], dim=-1)]
+    # The product inside affine_grid would be rounded to bfloat16: centimetres at the window's edge.
+    with torch.autocast(grid_BCHW.device.type, enabled=False):
+        uv_BHW2 = functional.affine_grid(
+            torch.stack(rows, dim=-2), list(grid_BCHW.shape), align_corners=False
+        )
+        return functional.grid_sample(
+            grid_BCHW, uv_BHW2, mode="bilinear", padding_mode="zeros", align_corners=False
+        )

@@ -1,0 +1,169 @@
+"""What makes a matcher's confidence agree with its errors, fitted on validation pairs.
+
+A matcher is trained on maps with many defects, and is too modest about those without: its posterior is made
+sharper. A label is exact where the robots meet; away from there maps drift, now and then by much, which no
+window shows: covariances get a floor, and errors are taken as a Student's t distribution has them. Estimates
+are called ambiguous below a probability that the wrong ones among the pairs suggest.
+
+Legend: P pair.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+from scipy.optimize import minimize
+
+from rendezvous.alignment.estimate import WRONG_M, WRONG_RAD
+from rendezvous.alignment.frame_error import pose_difference
+from rendezvous.alignment.spread import log_density
+from rendezvous.errors import ConfigError, require_within
+from rendezvous.geometry.occupancy_grid import Mask
+from rendezvous.geometry.se2 import SE2, Array
+from rendezvous.models.refined_posterior import RefinedPosterior
+
+SHARPNESSES = tuple(float(s) for s in np.geomspace(0.5, 8.0, 17))
+"""What is tried."""
+_LIMITS = np.array([[1e-3, 1e3], [1e-5, 1.0], [1e-5, 1.0], [0.1, 1e3]])
+_FIRST_GUESS = (0.5, 0.005, 0.003, 3.0)
+"""Scale, floor of x and y [m], of yaw [rad], degrees of freedom above 2."""
+
+WRONG_SHARE, FLAGGED_SHARE = 0.005, 0.5
+"""Of estimates that are not flagged, no more shall be wrong; but of all, no more shall be flagged."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MatcherCalibration:
+    """How to read a matcher's posterior.
+
+    Attributes:
+        sharpness: exponent of the density around each peak, its mass untouched.
+        scale: factor of the covariance that then comes out.
+        floor_m, floor_rad: standard deviations that are added to it, of x and y and of yaw.
+        degrees_of_freedom: of the Student's t distribution that then has this covariance; more than 2.
+        least_mass: an estimate is ambiguous where its peak has less probability than this.
+    """
+
+    sharpness: float = 1.0
+    scale: float = 1.0
+    floor_m: float = 0.0
+    floor_rad: float = 0.0
+    degrees_of_freedom: float = 1000.0
+    least_mass: float = 0.9
+
+    def __post_init__(self) -> None:
+        require_within(
+            self,
+            sharpness=(0.01, 100.0),
+            scale=(0.001, 1000.0),
+            floor_m=(0.0, 10.0),
+            floor_rad=(0.0, 3.2),
+            degrees_of_freedom=(2.01, 1e6),
+            least_mass=(0.0, 1.0),
+        )
+
+    def covariance(self, covariance: Array) -> Array:
+        """(..., 3, 3): what the posterior's stand for."""
+        return self.scale * covariance + np.diag(np.square([self.floor_m, self.floor_m, self.floor_rad]))
+
+    def as_dict(self) -> dict[str, float]:
+        """Values by field, for the weights' JSON."""
+        return asdict(self)
+
+    @staticmethod
+    def from_dict(values: Mapping[str, Any]) -> MatcherCalibration:
+        """Inverse of `as_dict`.
+
+        Raises:
+            ConfigError: a field is missing or unknown, or a value has no use.
+        """
+        expected = {field.name for field in fields(MatcherCalibration)}
+        if values.keys() != expected or not all(isinstance(v, int | float) for v in values.values()):
+            raise ConfigError(
+                f"matcher: calibration holds {dict(values)}; must hold numbers {sorted(expected)}"
+            )
+        return MatcherCalibration(**values)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Reading:
+    """A validation pair: its posterior as the matcher's scores have it, and the true frame error."""
+
+    posterior: RefinedPosterior
+    theta: SE2
+
+
+def fitted(readings: Sequence[Reading]) -> MatcherCalibration:
+    """The calibration that fits best.
+
+    First what is ambiguous; of the other pairs then, by likelihood of the truth, the sharpness of the density
+    and the spread of the errors.
+    """
+    mass_P = np.array([reading.posterior.masses[0] for reading in readings])
+    error_P3 = np.array([_error(reading.posterior, reading.theta) for reading in readings])
+    least_mass = least_trusted_mass(mass_P, _wrong(error_P3))
+    sure = [reading for reading, mass in zip(readings, mass_P, strict=True) if mass >= least_mass]
+    if not sure:
+        return MatcherCalibration(least_mass=least_mass)
+    likelihoods = [
+        np.mean([reading.posterior.sharpened(s).log_density(reading.theta) for reading in sure])
+        for s in SHARPNESSES
+    ]
+    sharpness = SHARPNESSES[int(np.argmax(likelihoods))]
+    sharp = [reading.posterior.sharpened(sharpness) for reading in sure]
+    error_P3 = np.array([_error(one, reading.theta) for one, reading in zip(sharp, sure, strict=True)])
+    spread = most_likely_spread(error_P3, np.array([one.best().covariance for one in sharp]))
+    return replace(spread, sharpness=sharpness, least_mass=least_mass)
+
+
+def least_trusted_mass(mass_P: Array, wrong_P: Mask) -> float:
+    """The least probability of a peak to be trusted: as few as can be are flagged, enough of the wrong ones.
+
+    Where the wrong ones cannot be told without flagging too many, as many are flagged as may be.
+    """
+    order = np.argsort(mass_P)
+    count = len(order)
+    wrong_left = np.append(np.cumsum(wrong_P[order][::-1])[::-1], 0)
+    share = wrong_left[:count] / np.arange(count, 0, -1)
+    most = int(FLAGGED_SHARE * count)
+    flagged = next((k for k in range(most + 1) if share[k] <= WRONG_SHARE), most)
+    if flagged == 0:
+        return float(0.5 * mass_P[order[0]])
+    return float(0.5 * (mass_P[order[flagged - 1]] + mass_P[order[flagged]]))
+
+
+def most_likely_spread(error_P3: Array, covariance_P33: Array) -> MatcherCalibration:
+    """The scale, floors and degrees of freedom under which the errors are most likely.
+
+    Args:
+        error_P3: x [m], y [m], yaw [rad] of θ̂⁻¹ θ.
+        covariance_P33: that the matcher gave them.
+    """
+
+    def calibration(logs: Array) -> MatcherCalibration:
+        scale, floor_m, floor_rad, tails = np.exp(np.clip(logs, *np.log(_LIMITS).T))
+        return MatcherCalibration(
+            scale=float(scale),
+            floor_m=float(floor_m),
+            floor_rad=float(floor_rad),
+            degrees_of_freedom=2.0 + float(tails),
+        )
+
+    def cost(logs: Array) -> float:
+        found = calibration(logs)
+        tails_P = np.full(len(error_P3), found.degrees_of_freedom)
+        return -float(log_density(error_P3, found.covariance(covariance_P33), tails_P).mean())
+
+    options = {"xatol": 1e-3, "fatol": 1e-5, "maxiter": 2000}
+    return calibration(minimize(cost, np.log(_FIRST_GUESS), method="Nelder-Mead", options=options).x)
+
+
+def _error(posterior: RefinedPosterior, theta: SE2) -> Array:
+    return pose_difference(posterior.best().mean, theta).as_array()
+
+
+def _wrong(error_P3: Array) -> Mask:
+    return (np.hypot(error_P3[:, 0], error_P3[:, 1]) > WRONG_M) | (np.abs(error_P3[:, 2]) > WRONG_RAD)

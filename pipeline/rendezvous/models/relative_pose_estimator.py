@@ -1,0 +1,278 @@
+"""The relative-pose network as an estimator: where robot 1 is in an image, then a close look at it.
+
+First looks show the whole image small, and smaller still for a robot that is near. What looks like a robot
+there gets a close look, scaled so that the robot has the size at which the network measures best.
+
+Legend: B looks, H W rows and columns of an input, h w of the maps.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import torch
+
+from rendezvous.geometry.camera import PinholeCamera
+from rendezvous.geometry.cuboid import project_cuboid
+from rendezvous.geometry.se2 import Array
+from rendezvous.models.relative_pose import RelativePoseNet
+from rendezvous.pose_estimation.cuboid_pose import Reading, readings_in_space, readings_on_floor
+from rendezvous.pose_estimation.cuboids import Cuboid, cuboids
+from rendezvous.pose_estimation.dope_labels import Maps
+from rendezvous.pose_estimation.keypoint_evidence import KeypointNoise, evidence_of
+from rendezvous.pose_estimation.look import STRIDE_PX, Image, Look
+from rendezvous.pose_estimation.peaks import Peaks, belief_peaks
+from rendezvous.pose_estimation.pose_calibration import LEAST_MASS, PoseCalibration
+from rendezvous.pose_estimation.relative_pose import PoseMode, RelativePose
+from rendezvous.pose_estimation.sighting import SeenRobot, Sighting
+
+FIRST_FOCAL_PX = (308.0, 154.0)
+"""Focal lengths of the first looks: all distances of a sighting give a robot of 10 to 140 px in one of
+them."""
+CANDIDATES = 3
+_LEAST_SCORE = 0.03
+"""Mean height of a candidate's nine peaks in a first look."""
+_WELL_CENTRED_SHARE, _WELL_SCALED = 0.15, 1.3
+"""A close look is good whose robot is no farther from the middle, as a share of the input, and no larger or
+smaller by a factor; otherwise another one is taken."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CloseLook:
+    """What the network was trained to measure on.
+
+    Attributes:
+        input_px: side of the square input.
+        span_px: larger side of the box around the projected cuboid there.
+        sigma_cells: standard deviation of the belief maps' Gaussians.
+    """
+
+    input_px: int = 160
+    span_px: float = 80.0
+    sigma_cells: float = 1.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Looked:
+    """What the network says of one look.
+
+    Attributes:
+        look: the part of the image.
+        belief_9hw: belief maps.
+        peaks: their maxima.
+        cuboids: which belong together, the one with the most belief first.
+    """
+
+    look: Look
+    belief_9hw: Maps = field(repr=False)
+    peaks: Peaks = field(repr=False)
+    cuboids: list[Cuboid] = field(repr=False)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Detection:
+    """What looks most like the robot.
+
+    Attributes:
+        looks: close looks at it.
+        readings: of these, the most probable first; none where no pose fits.
+    """
+
+    looks: tuple[Looked, ...]
+    readings: tuple[Reading, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class RelativePoseEstimator:
+    """Reads the relative pose of robots from images.
+
+    Attributes:
+        network: trained, in evaluation mode.
+        robot: that is looked for.
+        close: what the network measures on.
+        calibration: how sure to be.
+        floor: whether robots stand on one level floor; otherwise poses of six unknowns, as in the paper.
+        looks: how many close looks are taken, each a little shifted and scaled.
+    """
+
+    network: RelativePoseNet
+    robot: SeenRobot
+    close: CloseLook = CloseLook()
+    calibration: PoseCalibration = field(default_factory=PoseCalibration)
+    floor: bool = True
+    looks: int = 1
+
+    def __call__(self, image: Image, camera: PinholeCamera, T_r0_c: Array) -> RelativePose:
+        """Where robot 1 stands; see `ImagePoseEstimator`."""
+        sighting = Sighting(camera=camera, T_r0_c=T_r0_c, robot=self.robot)
+        found = self.detection(image, sighting)
+        if found is None:
+            return RelativePose.not_found("nothing in the image looks like the robot")
+        return self.told(found, sighting)
+
+    def told(self, found: Detection, sighting: Sighting) -> RelativePose:
+        """The readings as the calibration has them, or why there are none."""
+        calibration = self.calibration
+        if not found.readings:
+            return RelativePose.not_found("what looks like the robot shows too few points for a pose")
+        score = calibration.score(found.readings[0])
+        if score < calibration.least_score:
+            return RelativePose.not_found(
+                f"what looks most like the robot scores {score:.3f}; a robot scores at least "
+                f"{calibration.least_score:.3f}",
+                score=score,
+            )
+        masses = calibration.masses([reading.log_evidence for reading in found.readings])
+        modes = [
+            PoseMode(
+                T_r0_r1=reading.T_r0_r1,
+                covariance=calibration.covariance(reading.covariance, reading.T_r0_r1),
+                mass=float(mass),
+                T_c_o=reading.T_c_o,
+                degrees_of_freedom=calibration.degrees_of_freedom,
+            )
+            for reading, mass in zip(found.readings, masses, strict=True)
+            if mass >= LEAST_MASS
+        ]
+        return RelativePose(
+            modes=tuple(sorted(modes, key=lambda mode: -mode.mass)),
+            score=score,
+            keypoints_px=_keypoints(found.looks[0], self._projected(found.readings[0], sighting.camera)),
+        )
+
+    def detection(self, image: Image, sighting: Sighting) -> Detection | None:
+        """What looks most like the robot; None where nothing does."""
+        places = self._candidates(image, sighting.camera)
+        if not places:
+            return None
+        looked = self.see(image, [self._close_look(*place) for place in places])
+        best = max(looked, key=_likeness)
+        readings = self.readings([best], sighting)
+        again = None if not readings else self._better_look(best.look, readings[0], sighting.camera)
+        if again is None and self.looks == 1:
+            return Detection(looks=(best,), readings=tuple(readings))
+        several = tuple(self.see(image, _shaken(again or best.look, self.looks)))
+        return Detection(looks=several, readings=tuple(self.readings(several, sighting)))
+
+    def readings(
+        self, looks: Sequence[Looked], sighting: Sighting, noise: KeypointNoise | None = None
+    ) -> list[Reading]:
+        """Poses that looks at one robot leave open, with peaks as exact as the calibration or `noise` has
+        it."""
+        evidence = evidence_of(
+            [(one.look, one.peaks) for one in looks],
+            sigma_cells=self.close.sigma_cells,
+            noise=noise or self.calibration.noise,
+        )
+        first = looks[0]
+        if self.floor:
+            return readings_on_floor(sighting, evidence, first.look, first.belief_9hw, first.peaks)
+        return readings_in_space(sighting, evidence, first.look, first.cuboids)
+
+    def see(self, image: Image, looks: Sequence[Look]) -> list[Looked]:
+        """What the network says of looks of one size, in one batch."""
+        images = np.stack([look.cut(image).transpose(2, 0, 1) for look in looks])
+        belief_B9hw, fields_B16hw = self._maps(torch.from_numpy(images))
+        found = []
+        for look, belief, vectors in zip(looks, belief_B9hw, fields_B16hw, strict=True):
+            peaks = belief_peaks(belief, sigma_cells=self.close.sigma_cells)
+            found.append(Looked(look=look, belief_9hw=belief, peaks=peaks, cuboids=cuboids(peaks, vectors)))
+        return found
+
+    @torch.inference_mode()
+    def _maps(self, images_B3HW: torch.Tensor) -> tuple[Maps, Maps]:
+        """Of the last stage; in bfloat16, which is three times as fast."""
+        device = next(self.network.parameters()).device
+        with torch.autocast(device.type, torch.bfloat16):
+            last = self.network(images_B3HW.to(device))[-1]
+        return last.belief_B9hw.float().cpu().numpy(), last.fields_B16hw.float().cpu().numpy()
+
+    def _candidates(self, image: Image, camera: PinholeCamera) -> list[tuple[Array, float]]:
+        """Middle [px] and larger side [px] of what may be a robot, the likeliest first."""
+        found = []
+        for focal_px in FIRST_FOCAL_PX:
+            (looked,) = self.see(image, [first_look(camera, focal_px)])
+            for cuboid in looked.cuboids:
+                if cuboid.score >= _LEAST_SCORE and np.count_nonzero(cuboid.height_9) > 1:
+                    centre_px = looked.look.to_image(STRIDE_PX * cuboid.centre_cells)
+                    found.append((cuboid.score, centre_px, STRIDE_PX * cuboid.span_cells / looked.look.scale))
+        kept = list[tuple[Array, float]]()
+        for _, centre_px, span_px in sorted(found, key=lambda one: -one[0]):
+            if all(np.linalg.norm(centre_px - other) > 0.5 * max(span_px, size) for other, size in kept):
+                kept.append((centre_px, span_px))
+        return kept[:CANDIDATES]
+
+    def _close_look(self, centre_px: Array, span_px: float) -> Look:
+        scale = self.close.span_px / max(span_px, 1.0)
+        return Look.at(
+            centre_px,
+            scale=float(np.clip(scale, 0.1, 4.0)),
+            width_px=self.close.input_px,
+            height_px=self.close.input_px,
+        )
+
+    def _better_look(self, look: Look, reading: Reading, camera: PinholeCamera) -> Look | None:
+        """A look at the robot where it was read; None if the look is such a one already."""
+        uv_px = self._projected(reading, camera)
+        if not np.isfinite(uv_px).all():
+            return None
+        low, high = uv_px.min(axis=0), uv_px.max(axis=0)
+        better = self._close_look(0.5 * (low + high), float((high - low).max()))
+        away_px = np.abs(look.to_input(0.5 * (low + high)) - 0.5 * look.width_px).max()
+        ratio = max(better.scale / look.scale, look.scale / better.scale)
+        good = away_px < _WELL_CENTRED_SHARE * look.width_px and ratio < _WELL_SCALED
+        return None if good else better
+
+    def _projected(self, reading: Reading, camera: PinholeCamera) -> Array:
+        return project_cuboid(reading.T_c_o, self.robot.size_m, camera)
+
+
+def first_look(camera: PinholeCamera, focal_px: float) -> Look:
+    """The whole image so that its focal length becomes this; black beyond its right and lower edge."""
+    scale = focal_px / camera.fx_px
+    width, height = (
+        STRIDE_PX * int(np.ceil(scale * side / STRIDE_PX)) for side in (camera.width_px, camera.height_px)
+    )
+    shift = 0.5 * (scale - 1.0)
+    return Look(scale=scale, offset_px=(shift, shift), width_px=width, height_px=height)
+
+
+def _likeness(looked: Looked) -> float:
+    """How much like one robot it looks."""
+    return max((cuboid.score for cuboid in looked.cuboids), default=0.0)
+
+
+def _shaken(look: Look, count: int) -> list[Look]:
+    """A look and others near it: moved by parts of a cell that it does not see, and scaled a little."""
+    turns = np.arange(1, count) * 2.4
+    shifts = 0.5 * STRIDE_PX * np.stack([np.cos(turns), np.sin(turns)], axis=1)
+    scales = 1.0 + 0.06 * np.cos(2.0 * turns)
+    middle = look.to_image(np.full(2, 0.5 * (look.width_px - 1)))
+    return [
+        look,
+        *(
+            Look.at(
+                middle + shift / look.scale,
+                scale=look.scale * float(scale),
+                width_px=look.width_px,
+                height_px=look.height_px,
+            )
+            for shift, scale in zip(shifts, scales, strict=True)
+        ),
+    ]
+
+
+def _keypoints(looked: Looked, uv_92: Array) -> Array:
+    """(9, 2) [px] of each point's peaks in the image the one that agrees with the pose; NaN where none
+    does."""
+    found = np.full((9, 2), np.nan)
+    uv_px = looked.look.to_image(STRIDE_PX * looked.peaks.uv_cells_P2)
+    near_px = 2.0 * STRIDE_PX / looked.look.scale
+    for channel in range(9):
+        own = uv_px[looked.peaks.channel_P == channel]
+        away = np.linalg.norm(own - uv_92[channel], axis=1)
+        if len(own) and away.min() < near_px:
+            found[channel] = own[away.argmin()]
+    return found

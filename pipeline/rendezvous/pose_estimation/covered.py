@@ -1,0 +1,33 @@
+"""Images in which the robot is covered, so that it is known that they do not show it.
+
+Images without a robot are few, and what else is about is the same.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rendezvous.geometry.se2 import Array
+from rendezvous.pose_estimation.look import Image
+
+
+def covered_image(image: Image, box_px: Array) -> Image:
+    """A copy whose box, and a tenth around it, shows what lies beside it to the left, or else to the right.
+
+    Args:
+        image: (H, W, 3).
+        box_px: (4,) least and largest x, least and largest y as x0, y0, x1, y1.
+    """
+    height, width = image.shape[:2]
+    x0, y0, x1, y1 = (float(v) for v in box_px)
+    margin = 0.1 * max(x1 - x0, y1 - y0) + 2.0
+    left, top = max(int(x0 - margin), 0), max(int(y0 - margin), 0)
+    right, bottom = min(int(x1 + margin) + 1, width), min(int(y1 + margin) + 1, height)
+    size = right - left
+    beside = left - 1 - np.arange(size) if left >= width - right else right + np.arange(size)[::-1]
+    out = image.copy()
+    # Beyond the image's edge the same is seen again, mirrored.
+    columns = np.abs(beside)
+    columns = np.where(columns < width, columns, 2 * (width - 1) - columns)
+    out[top:bottom, left:right] = image[top:bottom, np.clip(columns, 0, width - 1)]
+    return out

@@ -1,0 +1,153 @@
+"""All poses on the floor tried against belief maps: second peaks, hidden points and front and back in one go.
+
+A peak of any map is where that point of the cuboid may be. For each such anchor, every heading and every
+distance along its ray, the other eight points follow, and the maps are read there. How far the robot would
+then stand above or below the floor counts against it as much as the camera may lean.
+"""
+
+from __future__ import annotations
+
+import numba as nb
+import numpy as np
+
+from rendezvous.geometry.occupancy_grid import Mask
+from rendezvous.geometry.se2 import Array
+from rendezvous.pose_estimation.dope_labels import Maps
+from rendezvous.pose_estimation.look import STRIDE_PX, Look
+from rendezvous.pose_estimation.peaks import Peaks
+from rendezvous.pose_estimation.sighting import HEIGHT_SIGMA_M, TILT_SIGMA_RAD, Sighting
+
+HEADINGS = 72
+DISTANCES_M = tuple(float(d) for d in np.geomspace(0.2, 8.0, 64))
+ANCHORS = 18
+_BASE = 0.02
+"""Belief where maps say nothing."""
+_KEPT = 12
+_APART_HEADING_RAD, _APART_SHARE = 0.3, 0.12
+"""Poses that differ by less, in heading and in place as a share of the distance, are one."""
+
+
+def floor_poses(sighting: Sighting, look: Look, belief_9hw: Maps, peaks: Peaks) -> Array:
+    """(M, 6) settings that the maps speak for, the best first, all apart from each other.
+
+    Args:
+        sighting: camera and robot.
+        look: that the maps are of.
+        belief_9hw: belief maps.
+        peaks: their maxima.
+    """
+    anchors = np.argsort(-peaks.height_P, kind="stable")[:ANCHORS]
+    uv_px = look.to_image(STRIDE_PX * peaks.uv_cells_P2[anchors])
+    camera = sighting.camera
+    rays_c = np.column_stack(
+        [
+            (uv_px[:, 0] - camera.cx_px) / camera.fx_px,
+            (uv_px[:, 1] - camera.cy_px) / camera.fy_px,
+            np.ones(len(anchors)),
+        ]
+    )
+    headings = np.arange(HEADINGS) * (2.0 * np.pi / HEADINGS)
+    c, s = np.cos(headings), np.sin(headings)
+    q = sighting.robot.points_r1()
+    turned_r0 = np.stack(
+        [
+            np.outer(c, q[:, 0]) - np.outer(s, q[:, 1]),
+            np.outer(s, q[:, 0]) + np.outer(c, q[:, 1]),
+            np.tile(q[:, 2], (HEADINGS, 1)),
+        ],
+        axis=2,
+    )
+    R_r0_c = sighting.T_r0_c[:3, :3]
+    score_AHD = _scores(
+        np.log(np.maximum(belief_9hw, 0.0).astype(np.float32) + _BASE) - np.log(np.float32(_BASE)),
+        rays_c,
+        peaks.channel_P[anchors],
+        turned_r0 @ R_r0_c,
+        np.array(DISTANCES_M),
+        _pixels_to_cells(sighting, look),
+        _heights(sighting, rays_c),
+        q[:, 2].copy(),
+    )
+    order = np.argsort(-score_AHD, axis=None)[: 40 * _KEPT]
+    anchor, heading, distance = np.unravel_index(order, score_AHD.shape)
+    at_r0 = np.array(DISTANCES_M)[distance, None] * (rays_c[anchor] @ R_r0_c.T) + sighting.T_r0_c[:3, 3]
+    base = at_r0 - turned_r0[heading, peaks.channel_P[anchors][anchor]]
+    settings = np.column_stack([base[:, :2], headings[heading], np.zeros((len(order), 3))])
+    good = np.isfinite(score_AHD.ravel()[order])
+    return _apart(settings[good])
+
+
+def _pixels_to_cells(sighting: Sighting, look: Look) -> Array:
+    """(4,) column and row of a direction (x / z, y / z): factor and offset of each."""
+    camera, scale = sighting.camera, look.scale / STRIDE_PX
+    (du, dv) = look.offset_px
+    return np.array(
+        [
+            scale * camera.fx_px,
+            scale * camera.cx_px + du / STRIDE_PX,
+            scale * camera.fy_px,
+            scale * camera.cy_px + dv / STRIDE_PX,
+        ]
+    )
+
+
+def _heights(sighting: Sighting, rays_c: Array) -> Array:
+    """(A, 2) height of a ray's point above the floor [m]: by metre of depth, and of the camera."""
+    up = rays_c @ sighting.T_r0_c[2, :3]
+    return np.column_stack([up, np.full(len(up), sighting.T_r0_c[2, 3])])
+
+
+@nb.njit(cache=True, error_model="numpy")
+def _scores(  # type: ignore[no-untyped-def]
+    gain_9hw, rays_A3, channel_A, turned_H93, depths_D, to_cells, heights_A2, z_9
+):
+    """(A, H, D) log of belief gained, less what the floor has against it; -inf behind the camera."""
+    _, rows, cols = gain_9hw.shape
+    out = np.full((len(rays_A3), len(turned_H93), len(depths_D)), -np.inf)
+    for a in range(len(rays_A3)):
+        for d in range(len(depths_D)):
+            depth = depths_D[d]
+            above = heights_A2[a, 0] * depth + heights_A2[a, 1] - z_9[channel_A[a]]
+            variance = HEIGHT_SIGMA_M**2 + (TILT_SIGMA_RAD * depth) ** 2
+            against = 0.5 * above**2 / variance
+            if against > 12.0:
+                continue
+            for h in range(len(turned_H93)):
+                points = turned_H93[h]
+                score, ahead = -against, True
+                for k in range(9):
+                    x = rays_A3[a, 0] * depth + points[k, 0] - points[channel_A[a], 0]
+                    y = rays_A3[a, 1] * depth + points[k, 1] - points[channel_A[a], 1]
+                    z = depth + points[k, 2] - points[channel_A[a], 2]
+                    if z < 0.05:
+                        ahead = False
+                        break
+                    u = to_cells[0] * x / z + to_cells[1]
+                    v = to_cells[2] * y / z + to_cells[3]
+                    col, row = int(np.floor(u)), int(np.floor(v))
+                    if col < 0 or row < 0 or col + 1 >= cols or row + 1 >= rows:
+                        continue
+                    fu, fv = u - col, v - row
+                    gain = gain_9hw[k]
+                    score += (1.0 - fv) * ((1.0 - fu) * gain[row, col] + fu * gain[row, col + 1])
+                    score += fv * ((1.0 - fu) * gain[row + 1, col] + fu * gain[row + 1, col + 1])
+                if ahead:
+                    out[a, h, d] = score
+    return out
+
+
+def _apart(settings_M6: Array) -> Array:
+    """The first of all that are one."""
+    left, kept = settings_M6, list[Array]()
+    while len(left) and len(kept) < _KEPT:
+        kept.append(left[0])
+        left = left[~same_place(left, left[0], _APART_SHARE, _APART_HEADING_RAD)]
+    return np.array(kept).reshape(-1, 6)
+
+
+def same_place(settings_M6: Array, one_6: Array, share: float, heading_rad: float) -> Mask:
+    """(M,) which settings differ from one by less, the place as a share of the distance."""
+    turn = np.abs(np.remainder(settings_M6[:, 2] - one_6[2] + np.pi, 2.0 * np.pi) - np.pi)
+    away = np.hypot(settings_M6[:, 0] - one_6[0], settings_M6[:, 1] - one_6[1])
+    same: Mask = (turn < heading_rad) & (away < share * np.hypot(one_6[0], one_6[1]))
+    return same

@@ -1,0 +1,118 @@
+"""What peaks of belief maps say of where the cuboid's points are: a density over the image, by map.
+
+A network that is trained with squared errors learns the mean of its targets: a point's probability, blurred
+with the target's Gaussian. A map with several peaks is read so: the point is near one of them, with a
+probability of the peak's height, or anywhere. Maps that are low and wide, for the network is not sure,
+leave the point a variance s² with height = σ² / (σ² + s²).
+
+Legend: G belief maps (nine by look), J peaks of a map, M settings of the robot.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rendezvous.errors import require_within
+from rendezvous.geometry.se2 import Array
+from rendezvous.pose_estimation.look import STRIDE_PX, Look
+from rendezvous.pose_estimation.peaks import MOST_PER_CHANNEL, Peaks
+
+_SUREST = 0.98
+"""Probability of all peaks of a map together, at most: a network errs at times."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class KeypointNoise:
+    """How exact peaks are.
+
+    Attributes:
+        floor_cells: standard deviation of the highest of peaks, along each axis.
+        scale: of the variance that is read from a peak's height.
+    """
+
+    floor_cells: float = 0.1
+    scale: float = 0.3
+
+    def __post_init__(self) -> None:
+        require_within(self, floor_cells=(0.001, 10.0), scale=(0.0, 100.0))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class KeypointEvidence:
+    """Densities of points in an image.
+
+    Attributes:
+        channel_G: (G,) the point that each map tells of.
+        uv_px_GJ2: (G, J, 2) peaks in the image; 0 where there are fewer than J.
+        variance_px2_GJ: (G, J) of the point around each, along each axis.
+        weight_GJ: (G, J) probability of each; 0 where there is none.
+        elsewhere_G: (G,) density of a point that is near none of them [1 / px²].
+        cell_px: side of the maps' cells in the image.
+        power: of each map's likelihood: one over the number of looks, which all see the same.
+    """
+
+    channel_G: NDArray[np.int64]
+    uv_px_GJ2: Array
+    variance_px2_GJ: Array
+    weight_GJ: Array
+    elsewhere_G: Array
+    cell_px: float
+    power: float
+
+    def log_densities(self, uv_M92: Array, *, added_px2: float = 0.0) -> tuple[Array, Array]:
+        """(M, G) log of each map's density at the points, and (M, G, J) share that each peak has in it.
+
+        Args:
+            uv_M92: (M, 9, 2) the cuboid's points in the image.
+            added_px2: variance that is added, to be attracted from farther away.
+        """
+        variance = self.variance_px2_GJ + added_px2
+        away = uv_M92[:, self.channel_G, None] - self.uv_px_GJ2
+        near = self.weight_GJ / (2.0 * np.pi * variance) * np.exp(-0.5 * (away**2).sum(axis=3) / variance)
+        total = near.sum(axis=2) + self.elsewhere_G
+        return np.log(total), near / total[..., None]
+
+    def log_likelihood(self, uv_M92: Array, *, added_px2: float = 0.0) -> Array:
+        """(M,) of all maps, above that of an image without a robot; arguments as for `log_densities`."""
+        gain: Array = self.log_densities(uv_M92, added_px2=added_px2)[0] - np.log(self.elsewhere_G)
+        return self.power * gain.sum(axis=1)
+
+
+def evidence_of(
+    found: Sequence[tuple[Look, Peaks]], *, sigma_cells: float, noise: KeypointNoise
+) -> KeypointEvidence:
+    """The evidence of one or several looks at the same.
+
+    Args:
+        found: each look and the peaks of its nine maps, at most `MOST_PER_CHANNEL` each.
+        sigma_cells: standard deviation of the target's Gaussians.
+        noise: how exact peaks are.
+    """
+    maps = 9 * len(found)
+    uv, height = np.zeros((maps, MOST_PER_CHANNEL, 2)), np.zeros((maps, MOST_PER_CHANNEL))
+    px_per_cell, area_px2 = np.ones(maps), np.ones(maps)
+    for number, (look, peaks) in enumerate(found):
+        first = np.searchsorted(peaks.channel_P, peaks.channel_P)
+        place = 9 * number + peaks.channel_P, np.arange(len(first)) - first
+        uv[place] = look.to_image(STRIDE_PX * peaks.uv_cells_P2)
+        height[place] = peaks.height_P
+        own = slice(9 * number, 9 * number + 9)
+        px_per_cell[own] = STRIDE_PX / look.scale
+        area_px2[own] = look.width_px * look.height_px / look.scale**2
+    total = height.sum(axis=1)
+    weight = _SUREST * height / np.maximum(total, 1.0)[:, None]
+    blur = sigma_cells**2 * (1.0 / np.clip(total, 0.01, 1.0) - 1.0)
+    variance = px_per_cell**2 * (noise.floor_cells**2 + noise.scale * blur)
+    return KeypointEvidence(
+        channel_G=np.tile(np.arange(9), len(found)),
+        uv_px_GJ2=uv,
+        variance_px2_GJ=np.repeat(variance[:, None], MOST_PER_CHANNEL, axis=1),
+        weight_GJ=weight,
+        elsewhere_G=(1.0 - weight.sum(axis=1)) / area_px2,
+        cell_px=float(px_per_cell.mean()),
+        power=1.0 / len(found),
+    )

@@ -1,0 +1,92 @@
+"""What an estimator of the relative pose gives: where robot 1 stands as seen by robot 0, or why not."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from rendezvous.geometry.camera import PinholeCamera
+from rendezvous.geometry.se2 import SE2, Array
+from rendezvous.pose_estimation.look import Image
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PoseMode:
+    """One way to read the image.
+
+    Attributes:
+        T_r0_r1: θ_relative, the pose of robot 1 in robot 0's frame, on the floor.
+        covariance: (3, 3) of the components x [m], y [m], yaw [rad] of `T_r0_r1⁻¹ T_r0_r1_true`.
+        mass: its probability, in (0, 1].
+        T_c_o: (4, 4) pose of the cuboid in the camera that it was read from.
+        degrees_of_freedom: of the Student's t distribution that has this covariance, more than 2; infinite:
+            normal.
+    """
+
+    T_r0_r1: SE2
+    covariance: Array
+    mass: float
+    T_c_o: Array
+    degrees_of_freedom: float = math.inf
+
+    def __post_init__(self) -> None:
+        assert self.covariance.shape == (3, 3), self.covariance.shape
+        assert self.T_c_o.shape == (4, 4), self.T_c_o.shape
+        assert 0.0 < self.mass <= 1.0, self.mass
+        assert self.degrees_of_freedom > 2.0, self.degrees_of_freedom
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RelativePose:
+    """An estimate of the relative pose from one image, or why there is none.
+
+    Attributes:
+        modes: readings of the image, the most probable first; several where a robot's front and back, say,
+            are hard to tell apart. None if the robot was not found: a pose is never made up.
+        score: of the detection, in [0, 1].
+        keypoints_px: (9, 2) the cuboid's points that were found in the image, in DOPE's order; NaN for one
+            that was not.
+        reason: why there is no pose; empty if there is one.
+    """
+
+    modes: tuple[PoseMode, ...]
+    score: float
+    keypoints_px: Array
+    reason: str = ""
+
+    def __post_init__(self) -> None:
+        assert bool(self.modes) == (not self.reason), "an estimate has a pose or else a reason"
+        assert self.keypoints_px.shape == (9, 2), self.keypoints_px.shape
+        masses = [mode.mass for mode in self.modes]
+        assert masses == sorted(masses, reverse=True), masses
+
+    @property
+    def found(self) -> bool:
+        """Whether there is a pose."""
+        return bool(self.modes)
+
+    @property
+    def best(self) -> PoseMode:
+        """The most probable reading."""
+        return self.modes[0]
+
+    @staticmethod
+    def not_found(reason: str, *, score: float = 0.0) -> RelativePose:
+        """Of an image in which the robot is not seen well enough."""
+        return RelativePose(modes=(), score=score, keypoints_px=np.full((9, 2), np.nan), reason=reason)
+
+
+class ImagePoseEstimator(Protocol):
+    """A method that reads the relative pose from an image."""
+
+    def __call__(self, image: Image, camera: PinholeCamera, T_r0_c: Array) -> RelativePose:
+        """Where robot 1 stands.
+
+        Args:
+            image: (H, W, 3) uint8 red, green, blue, free of distortion.
+            camera: that took it.
+            T_r0_c: (4, 4) pose of the camera on robot 0.
+        """

@@ -1,0 +1,133 @@
+"""Robot 1 on the floor, seen by a camera that leans a little.
+
+Six numbers tell how robot 1 stands before robot 0: x [m], y [m] and yaw [rad] of `T_r0_r1`, and by how much
+the camera differs from its place on a level robot 0: height [m], and a turn around its own place, whose
+rotation vector has components x and y of r0 [rad]. Any `T_c_o` is one such setting; a flat floor makes the
+last three small.
+
+Legend: M settings, 6 of these numbers, 9 points of the cuboid in DOPE's order.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rendezvous.geometry.camera import PinholeCamera
+from rendezvous.geometry.cuboid import Vec3, cuboid_points
+from rendezvous.geometry.se2 import Array
+
+HEIGHT_SIGMA_M, TILT_SIGMA_RAD = 0.004, 0.015
+"""How far a camera may be from its place on a level floor: a little more than a robot on wheels and its
+joints were seen to differ (3 mm, 0.012 rad), for carpets and thresholds."""
+_NEAREST_M = 0.02
+_SMALL = 1e-12
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SeenRobot:
+    """The robot that is looked for.
+
+    Attributes:
+        size_m: sides of its cuboid along the axes of o.
+        T_r1_o: (4, 4) pose of the cuboid on it.
+    """
+
+    size_m: Vec3
+    T_r1_o: Array
+
+    def points_r1(self) -> Array:
+        """(9, 3) [m] the cuboid's points in r1."""
+        points: Array = cuboid_points(self.size_m) @ self.T_r1_o[:3, :3].T + self.T_r1_o[:3, 3]
+        return points
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sighting:
+    """What is known before the image is read.
+
+    Attributes:
+        camera: intrinsics.
+        T_r0_c: (4, 4) the camera on a level robot 0.
+        robot: the one that is looked for.
+    """
+
+    camera: PinholeCamera
+    T_r0_c: Array
+    robot: SeenRobot
+
+    def points_c(self, settings_M6: Array) -> Array:
+        """(M, 9, 3) [m] the cuboid's points in the camera."""
+        x, y, yaw, height, *_ = settings_M6.T
+        q = self.robot.points_r1()
+        c, s = np.cos(yaw)[:, None], np.sin(yaw)[:, None]
+        p_r0 = np.stack(
+            [
+                x[:, None] + c * q[:, 0] - s * q[:, 1],
+                y[:, None] + s * q[:, 0] + c * q[:, 1],
+                np.broadcast_to(q[:, 2], (len(settings_M6), 9)),
+            ],
+            axis=2,
+        )
+        p_r0 -= self.T_r0_c[:3, 3]
+        p_r0[..., 2] -= height[:, None]
+        R_r0_c = turns(settings_M6[:, 4:]) @ self.T_r0_c[:3, :3]
+        points: Array = p_r0 @ R_r0_c
+        return points
+
+    def project(self, settings_M6: Array) -> Array:
+        """(M, 9, 2) [px] their image; points behind the camera go far out of it."""
+        p_c = self.points_c(settings_M6)
+        z = np.maximum(p_c[..., 2], _NEAREST_M)
+        u = self.camera.fx_px * p_c[..., 0] / z + self.camera.cx_px
+        v = self.camera.fy_px * p_c[..., 1] / z + self.camera.cy_px
+        return np.stack([u, v], axis=2)
+
+    def jacobian(self, settings_M6: Array) -> Array:
+        """(M, 9, 2, 6) of `project`, by central differences."""
+        step = 1e-5
+        moved = settings_M6[:, None, None] + step * np.stack([np.eye(6), -np.eye(6)])
+        uv = self.project(moved.reshape(-1, 6)).reshape(len(settings_M6), 2, 6, 9, 2)
+        slopes: Array = np.moveaxis(uv[:, 0] - uv[:, 1], 1, 3) / (2.0 * step)
+        return slopes
+
+    def T_c_o(self, setting_6: Array) -> Array:
+        """(4, 4) pose of the cuboid in the camera."""
+        T_r0_c = self.T_r0_c.copy()
+        T_r0_c[:3, :3] = turns(setting_6[None, 4:])[0] @ T_r0_c[:3, :3]
+        T_r0_c[2, 3] += setting_6[3]
+        T_r0_r1 = np.eye(4)
+        c, s = np.cos(setting_6[2]), np.sin(setting_6[2])
+        T_r0_r1[:2, :2] = [[c, -s], [s, c]]
+        T_r0_r1[:2, 3] = setting_6[:2]
+        pose: Array = np.linalg.inv(T_r0_c) @ T_r0_r1 @ self.robot.T_r1_o
+        return pose
+
+    def setting(self, T_c_o: Array) -> Array:
+        """(6,) inverse of `T_c_o`."""
+        T = self.T_r0_c @ T_c_o @ np.linalg.inv(self.robot.T_r1_o)
+        # The turn that makes robot 1's upright axis upright, by the shortest way.
+        axis = np.array([T[1, 2], -T[0, 2], 0.0])
+        sine, cosine = float(np.linalg.norm(axis)), float(T[2, 2])
+        tilt = axis / max(sine, _SMALL) * np.arctan2(sine, cosine)
+        turn, centre = turns(tilt[None, :2])[0], self.T_r0_c[:3, 3]
+        x, y, z = turn @ (T[:3, 3] - centre) + centre
+        R = turn @ T[:3, :3]
+        return np.array([x, y, np.arctan2(R[1, 0], R[0, 0]), -z, tilt[0], tilt[1]])
+
+
+def turns(tilt_M2: Array) -> Array:
+    """(M, 3, 3) rotations by rotation vectors (x, y, 0) [rad]."""
+    angle = np.maximum(np.linalg.norm(tilt_M2, axis=1), _SMALL)
+    x, y = (tilt_M2 / angle[:, None]).T
+    c, s = np.cos(angle), np.sin(angle)
+    # A tilt of zero has no axis: its first-order turn is the identity as well.
+    return np.stack(
+        [
+            np.stack([c + x * x * (1 - c), x * y * (1 - c), y * s], axis=1),
+            np.stack([x * y * (1 - c), c + y * y * (1 - c), -x * s], axis=1),
+            np.stack([-y * s, x * s, c], axis=1),
+        ],
+        axis=1,
+    )

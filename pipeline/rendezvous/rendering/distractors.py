@@ -1,0 +1,265 @@
+"""Small things that lie about in rooms, drawn at random in true size, and places for them on the floor.
+
+Frame t: on the floor in the middle of the thing, z up.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+
+from rendezvous.geometry.camera import se3_from_se2
+from rendezvous.geometry.se2 import SE2, Array
+from rendezvous.rendering.appearance import materials
+from rendezvous.rendering.appearance.materials import Draw
+from rendezvous.rendering.plan_scene import BOX, CYLINDER
+from rendezvous.rendering.scene import Instance, Material
+from rendezvous.rendering.thing_meshes import CABLES
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ThingPart:
+    """A mesh of the pool in the thing's frame.
+
+    Attributes:
+        mesh: key into the mesh pool.
+        T_t: (4, 4) pose, which scales the mesh.
+        material: its material.
+    """
+
+    mesh: str
+    T_t: Array
+    material: Material
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Thing:
+    """A small thing.
+
+    Attributes:
+        kind: what it is.
+        parts: what it consists of.
+        radius_m: of the circle around the frame's origin that holds it.
+        height_m: of its top.
+    """
+
+    kind: str
+    parts: tuple[ThingPart, ...]
+    radius_m: float
+    height_m: float
+
+    def instances(self, T_w_t: Array, *, name: str) -> tuple[Instance, ...]:
+        """It at a pose (4, 4), its parts named `name/0`, `name/1`, ..."""
+        return tuple(
+            Instance(name=f"{name}/{i}", mesh=part.mesh, T_w=T_w_t @ part.T_t, material=part.material)
+            for i, part in enumerate(self.parts)
+        )
+
+
+Maker = Callable[[np.random.Generator, int], Thing]
+
+
+def _sized(x_m: float, y_m: float, z_m: float, *, up_m: float = 0.0, yaw_rad: float = 0.0) -> Array:
+    """A unit mesh scaled to these sides, turned about z, raised."""
+    T_t = se3_from_se2(SE2(0.0, 0.0, yaw_rad))
+    T_t[:3, :3] *= (x_m, y_m, z_m)
+    T_t[2, 3] = up_m
+    return T_t
+
+
+def _block(
+    x_m: float,
+    y_m: float,
+    z_m: float,
+    material: Material,
+    *,
+    up_m: float = 0.0,
+    yaw_rad: float = 0.0,
+    aside_m: float = 0.0,
+) -> ThingPart:
+    """A box of these sides, its bottom at `up_m`, moved along its own y axis."""
+    T_t = _sized(x_m, y_m, z_m, up_m=up_m + 0.5 * z_m, yaw_rad=yaw_rad)
+    T_t[:2, 3] = -math.sin(yaw_rad) * aside_m, math.cos(yaw_rad) * aside_m
+    return ThingPart(mesh=BOX, T_t=T_t, material=material)
+
+
+def _round(
+    kind: str, diameter_m: tuple[float, float], height_m: tuple[float, float], draws: tuple[Draw, ...]
+) -> Maker:
+    """A thing of one turned mesh; sizes uniform, the material one of the draws."""
+
+    def make(rng: np.random.Generator, variants: int) -> Thing:
+        d_m, h_m = rng.uniform(*diameter_m), rng.uniform(*height_m)
+        material = draws[rng.integers(len(draws))](rng, variants)
+        part = ThingPart(mesh=f"thing/{kind}", T_t=_sized(d_m, d_m, h_m), material=material)
+        return Thing(kind=kind, parts=(part,), radius_m=0.5 * d_m, height_m=h_m)
+
+    return make
+
+
+def _carton(rng: np.random.Generator, variants: int) -> Thing:
+    """A box of cardboard, or a crate."""
+    x_m, y_m, z_m = rng.uniform(0.08, 0.38), rng.uniform(0.08, 0.3), rng.uniform(0.05, 0.3)
+    draw = materials.cardboard if rng.random() < 0.7 else materials.anything_material
+    part = _block(x_m, y_m, z_m, draw(rng, variants))
+    return Thing(kind="carton", parts=(part,), radius_m=0.5 * math.hypot(x_m, y_m), height_m=z_m)
+
+
+def _book_pile(rng: np.random.Generator, variants: int) -> Thing:
+    """One to five books, each turned a little: covers, pages, back."""
+    parts: list[ThingPart] = []
+    up_m = reach_m = 0.0
+    paper = Material(base_colour_rgb=materials.linear_rgb((0.9, 0.87, 0.8)), roughness=0.95)
+    for _ in range(int(rng.integers(1, 6))):
+        x_m, y_m, z_m = rng.uniform(0.15, 0.3), rng.uniform(0.11, 0.21), rng.uniform(0.012, 0.045)
+        yaw_rad, cover = rng.normal(0.0, 0.3), materials.plastic(rng, variants)
+        parts += [
+            _block(x_m, y_m, 0.003, cover, up_m=up_m, yaw_rad=yaw_rad),
+            _block(x_m - 0.012, y_m - 0.012, z_m - 0.006, paper, up_m=up_m + 0.003, yaw_rad=yaw_rad),
+            _block(x_m, y_m, 0.003, cover, up_m=up_m + z_m - 0.003, yaw_rad=yaw_rad),
+            _block(
+                x_m, 0.004, z_m - 0.006, cover, up_m=up_m + 0.003, yaw_rad=yaw_rad, aside_m=0.5 * y_m - 0.002
+            ),
+        ]
+        up_m, reach_m = up_m + z_m, max(reach_m, 0.5 * math.hypot(x_m, y_m))
+    return Thing(kind="books", parts=tuple(parts), radius_m=reach_m, height_m=up_m)
+
+
+def _cup(rng: np.random.Generator, variants: int) -> Thing:
+    """A mug with its handle."""
+    d_m, h_m = rng.uniform(0.07, 0.1), rng.uniform(0.08, 0.12)
+    material = (materials.ceramic if rng.random() < 0.4 else materials.plastic)(rng, variants)
+    T_t = _sized(d_m, d_m, h_m)
+    parts = tuple(ThingPart(mesh=f"thing/{m}", T_t=T_t, material=material) for m in ("cup", "handle"))
+    return Thing(kind="cup", parts=parts, radius_m=0.83 * d_m, height_m=h_m)
+
+
+def _can(rng: np.random.Generator, variants: int) -> Thing:
+    """A tin, or a paint bucket."""
+    d_m = rng.uniform(0.06, 0.22)
+    h_m = d_m * rng.uniform(0.9, 1.9)
+    material = (materials.metal if rng.random() < 0.5 else materials.plastic)(rng, variants)
+    part = ThingPart(mesh=CYLINDER, T_t=_sized(d_m, d_m, h_m, up_m=0.5 * h_m), material=material)
+    return Thing(kind="can", parts=(part,), radius_m=0.5 * d_m, height_m=h_m)
+
+
+def _shoes(rng: np.random.Generator, variants: int) -> Thing:
+    """A pair, not quite side by side, on dark soles."""
+    length_m, upper = rng.uniform(0.2, 0.31), materials.anything_material(rng, variants)
+    sole = Material(base_colour_rgb=materials.linear_rgb(np.full(3, rng.uniform(0.1, 0.9))), roughness=0.9)
+    parts: list[ThingPart] = []
+    for side in (-0.5, 0.5):
+        T_t = se3_from_se2(
+            SE2(rng.normal(0.0, 0.03), side * length_m * rng.uniform(0.45, 0.7), rng.normal(0.0, 0.25))
+        )
+        T_t[2, 3] = 0.018
+        parts.append(ThingPart(mesh="thing/shoe", T_t=T_t @ np.diag([length_m] * 3 + [1.0]), material=upper))
+        under = np.diag([1.02 * length_m, 0.36 * length_m, 0.02, 1.0])
+        T_t = T_t.copy()
+        T_t[2, 3] = 0.01
+        parts.append(ThingPart(mesh=CYLINDER, T_t=T_t @ under, material=sole))
+    return Thing(kind="shoes", parts=tuple(parts), radius_m=0.85 * length_m + 0.06, height_m=0.45 * length_m)
+
+
+def _pot_plant(rng: np.random.Generator, variants: int) -> Thing:
+    """Leaves in a pot with earth."""
+    d_m, pot_m, leaves_m = rng.uniform(0.09, 0.26), rng.uniform(0.08, 0.24), rng.uniform(0.15, 0.5)
+    spread_m = rng.uniform(0.8, 1.4) * leaves_m
+    draw = (materials.plastic, materials.ceramic, materials.painted)[rng.integers(3)]
+    earth = Material(base_colour_rgb=materials.linear_rgb((0.2, 0.14, 0.1)), roughness=1.0)
+    parts = (
+        ThingPart(mesh="thing/cup", T_t=_sized(d_m, d_m, pot_m), material=draw(rng, variants)),
+        ThingPart(mesh=CYLINDER, T_t=_sized(0.86 * d_m, 0.86 * d_m, 0.01, up_m=0.85 * pot_m), material=earth),
+        ThingPart(
+            mesh="thing/leaves",
+            T_t=_sized(spread_m, spread_m, leaves_m, up_m=0.85 * pot_m),
+            material=materials.leaf(rng, variants),
+        ),
+    )
+    return Thing(
+        kind="plant", parts=parts, radius_m=0.5 * max(d_m, spread_m), height_m=0.85 * pot_m + leaves_m
+    )
+
+
+def _cable(rng: np.random.Generator, variants: int) -> Thing:
+    """A cable in a loose coil, black, white or coloured."""
+    scale = rng.uniform(0.5, 1.2)
+    value = rng.choice([0.08, 0.9, 0.5])
+    material = (
+        Material(base_colour_rgb=materials.linear_rgb(np.full(3, value)), roughness=0.6)
+        if rng.random() < 0.8
+        else materials.plastic(rng, variants)
+    )
+    mesh = f"thing/cable-{rng.integers(CABLES)}"
+    part = ThingPart(mesh=mesh, T_t=_sized(scale, scale, rng.uniform(0.7, 1.1)), material=material)
+    return Thing(kind="cable", parts=(part,), radius_m=0.33 * scale, height_m=0.009)
+
+
+def _bag(rng: np.random.Generator, variants: int) -> Thing:
+    """A backpack or bag on the floor."""
+    x_m, y_m, z_m = rng.uniform(0.22, 0.4), rng.uniform(0.14, 0.25), rng.uniform(0.2, 0.42)
+    part = ThingPart(mesh="thing/bag", T_t=_sized(x_m, y_m, z_m), material=materials.fabric(rng, variants))
+    return Thing(kind="bag", parts=(part,), radius_m=0.5 * math.hypot(x_m, y_m), height_m=z_m)
+
+
+def _ball(rng: np.random.Generator, variants: int) -> Thing:
+    """From a tennis ball to a football."""
+    d_m = rng.uniform(0.06, 0.24)
+    material = (materials.plastic if rng.random() < 0.7 else materials.fabric)(rng, variants)
+    part = ThingPart(mesh="thing/ball", T_t=_sized(d_m, d_m, d_m), material=material)
+    return Thing(kind="ball", parts=(part,), radius_m=0.5 * d_m, height_m=d_m)
+
+
+THINGS: Mapping[str, Maker] = {
+    "carton": _carton,
+    "books": _book_pile,
+    "cup": _cup,
+    "can": _can,
+    "shoes": _shoes,
+    "plant": _pot_plant,
+    "cable": _cable,
+    "bag": _bag,
+    "ball": _ball,
+    "cone": _round("cone", (0.15, 0.28), (0.2, 0.5), (materials.plastic,)),
+    "bottle": _round("bottle", (0.06, 0.1), (0.18, 0.34), (materials.plastic, materials.metal)),
+    "bowl": _round(
+        "bowl", (0.12, 0.26), (0.05, 0.1), (materials.ceramic, materials.plastic, materials.metal)
+    ),
+    "vase": _round("vase", (0.1, 0.24), (0.18, 0.5), (materials.ceramic, materials.painted)),
+}
+
+
+def draw_thing(rng: np.random.Generator, *, variants: int) -> Thing:
+    """Any of `THINGS`, uniform."""
+    return list(THINGS.values())[rng.integers(len(THINGS))](rng, variants)
+
+
+def place_on_floor(
+    rng: np.random.Generator,
+    thing: Thing,
+    *,
+    free: shapely.Geometry,
+    xy_m: Array,
+    taken: Sequence[tuple[float, float, float]],
+) -> SE2 | None:
+    """The first of the places offered where the thing touches nothing; its heading is uniform.
+
+    Args:
+        rng: draws the heading.
+        thing: what to put down.
+        free: floor without walls and furniture [m].
+        xy_m: (N, 2) places to try.
+        taken: x, y, radius [m] of what else stands there.
+    """
+    yaw_rad = float(rng.uniform(-math.pi, math.pi))
+    far = np.ones(len(xy_m), np.bool_)
+    for x_m, y_m, radius_m in taken:
+        far &= np.hypot(xy_m[:, 0] - x_m, xy_m[:, 1] - y_m) > radius_m + thing.radius_m
+    for x_m, y_m in xy_m[far].tolist():
+        if free.covers(shapely.Point(x_m, y_m).buffer(thing.radius_m)):
+            return SE2(x_m, y_m, yaw_rad)
+    return None

@@ -1,0 +1,39 @@
+"""What training images are drawn from: shares and ranges."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from rendezvous.errors import ConfigError, require_within
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PoseDraws:
+    """How training images are drawn.
+
+    Attributes:
+        plausible_share: of images, on the floor of a furnished room; the others are freely randomised.
+        absent_share: of images, without the robot.
+        occluded_share: of images, with a thing put before the robot.
+        shadow_share: of images, with a lamp that throws shadows.
+        min_range_m, max_range_m: distance from the camera to the middle of the robot's cuboid.
+    """
+
+    plausible_share: float = 0.5
+    absent_share: float = 0.05
+    occluded_share: float = 0.35
+    shadow_share: float = 0.25
+    min_range_m: float = 0.3
+    max_range_m: float = 4.0
+
+    def __post_init__(self) -> None:
+        share = (0.0, 1.0)
+        require_within(
+            self, plausible_share=share, absent_share=share, occluded_share=share, shadow_share=share
+        )
+        require_within(self, min_range_m=(0.05, 20.0), max_range_m=(0.05, 20.0))
+        if self.min_range_m >= self.max_range_m:
+            raise ConfigError(
+                f"PoseDraws: min_range_m is {self.min_range_m} and max_range_m {self.max_range_m}; "
+                "the first must be smaller"
+            )

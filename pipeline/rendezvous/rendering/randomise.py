@@ -1,0 +1,295 @@
+"""Scenes drawn at random: the robot in furnished rooms, or anywhere before any background.
+
+`draw_plausible` and `draw_free` give training images, `room_scene` the view of a robot whose pose is known.
+All randomness comes from the rng; everything drawn is in the record.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import shapely
+import trimesh
+
+from rendezvous.geometry.camera import PinholeCamera, camera_pose, se3_from_se2
+from rendezvous.geometry.se2 import SE2, Array
+from rendezvous.rendering.appearance import materials
+from rendezvous.rendering.appearance.lighting import Lighting, room_lighting
+from rendezvous.rendering.distractors import Thing, draw_thing, place_on_floor
+from rendezvous.rendering.draws import PoseDraws
+from rendezvous.rendering.effects import CameraEffects, draw_effects
+from rendezvous.rendering.record import JsonValue, plain
+from rendezvous.rendering.robot_model import part_material
+from rendezvous.rendering.room_looks import RoomLooks, draw_room_looks, room_instances
+from rendezvous.rendering.scene import Image, Instance, Material, MeshPool, Scene
+from rendezvous.rendering.viewpoints import FurnishedPlan, Meeting, draw_meeting
+from rendezvous.simulation.robot import Cuboid, RobotSpec
+
+ROBOT = "r1"
+"""Name of the robot that labels are about."""
+
+VIEW_M = 4.5
+"""How far away small things are still worth drawing."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RobotLooks:
+    """The robot that labels are about.
+
+    Attributes:
+        spec: its dimensions.
+        parts: the material of each of its parts, as built, by mesh key; meshes are in its frame.
+    """
+
+    spec: RobotSpec
+    parts: Mapping[str, Material]
+
+    def instances(self, T_w_r1: Array, worn: Mapping[str, Material]) -> tuple[Instance, ...]:
+        """Its parts at a pose (4, 4), in these materials."""
+        return tuple(
+            Instance(name=f"{ROBOT}/{key.rsplit('/', 1)[-1]}", mesh=key, T_w=T_w_r1, material=material)
+            for key, material in worn.items()
+        )
+
+    def worn(self, rng: np.random.Generator, *, extent: float) -> Mapping[str, Material]:
+        """Its materials, each part a little different from how it was built."""
+        return {key: materials.worn(rng, material, extent=extent) for key, material in self.parts.items()}
+
+
+def robot_looks(spec: RobotSpec, parts: Mapping[str, trimesh.Trimesh]) -> tuple[RobotLooks, MeshPool]:
+    """A robot's looks as built and its meshes by key, of its parts by name."""
+    keyed = {f"{spec.name}/{name}": part for name, part in parts.items()}
+    as_built = {key: part_material(part) for key, part in keyed.items()}
+    return RobotLooks(spec=spec, parts=as_built), {key: (part,) for key, part in keyed.items()}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlacedThing:
+    """A small thing and its pose (4, 4) in w."""
+
+    thing: Thing
+    T_w_t: Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Drawn:
+    """A scene to take a picture of.
+
+    Attributes:
+        scene: what there is.
+        effects: what its camera does to the picture.
+        T_w_r1: (4, 4) pose of the robot that labels are about; None if it is not there.
+        T_r0_c: (4, 4) pose of the camera on the robot that carries it, where that was drawn, too.
+        record: all that was drawn, as plain JSON.
+    """
+
+    scene: Scene
+    effects: CameraEffects
+    T_w_r1: Array | None
+    record: Mapping[str, JsonValue]
+    T_r0_c: Array | None = None
+
+    def T_c_o(self, cuboid: Cuboid) -> Array | None:
+        """(4, 4) pose of that robot's cuboid in the camera; None if it is not there."""
+        if self.T_w_r1 is None:
+            return None
+        T_c_o: Array = np.linalg.inv(self.scene.T_w_c) @ self.T_w_r1 @ cuboid.T_r_o()
+        return T_c_o
+
+
+def draw_plausible(
+    rng: np.random.Generator,
+    place: FurnishedPlan,
+    looks: RobotLooks,
+    observer: RobotSpec,
+    draws: PoseDraws,
+    *,
+    variants: int,
+) -> Drawn:
+    """The robot on the floor of a furnished room, seen by the camera of another robot on that floor.
+
+    Args:
+        rng: draws everything.
+        place: a furnished plan.
+        looks: the robot that may be seen.
+        observer: the robot that carries the camera.
+        draws: shares and ranges.
+        variants: textures of each kind in the pool.
+
+    Raises:
+        FloorplanError: there is no room for two robots.
+    """
+    absent = bool(rng.random() < draws.absent_share)
+    meeting = draw_meeting(rng, place, observer, looks.spec, draws, absent=absent)
+    room_looks = draw_room_looks(rng, place, variants=variants)
+    # Normal: a robot stands within 3 mm and 0.7 degrees of how it was built.
+    shift_m, roll_rad, pitch_rad = rng.normal(0.0, [0.003, 0.012, 0.012]).tolist()
+    T_r0_c = observer.camera.T_r_c() @ camera_tilt(roll_rad, pitch_rad)
+    T_r0_c[2, 3] += shift_m
+    occluded = meeting.T_w_r1 is not None and bool(rng.random() < draws.occluded_share)
+    things = _things_on_floor(rng, place, meeting, observer, looks.spec, occluded=occluded, variants=variants)
+    drawn = room_scene(
+        rng, place, room_looks, looks, observer.camera.intrinsics(), looks.worn(rng, extent=1.0), draws,
+        T_w_c=se3_from_se2(meeting.T_w_r0) @ T_r0_c, T_w_r1=meeting.T_w_r1, things=things,
+    )  # fmt: skip
+    camera = {"height_shift_m": shift_m, "roll_rad": roll_rad, "pitch_rad": pitch_rad}
+    record = {"mode": "plausible", "meeting": plain(meeting), "camera": plain(camera), **drawn.record}
+    return replace(drawn, record=record, T_r0_c=T_r0_c)
+
+
+def camera_tilt(roll_rad: float, pitch_rad: float) -> Array:
+    """(4, 4) turn of a camera in its own axes: pitch lowers its view, roll lowers its right side."""
+    level = camera_pose(np.zeros(3), np.zeros(3))
+    tilted = camera_pose(np.zeros(3), np.array([roll_rad, pitch_rad, 0.0]))
+    turn: Array = np.linalg.inv(level) @ tilted
+    return turn
+
+
+def room_scene(
+    rng: np.random.Generator,
+    place: FurnishedPlan,
+    room_looks: RoomLooks,
+    looks: RobotLooks,
+    camera: PinholeCamera,
+    worn: Mapping[str, Material],
+    draws: PoseDraws,
+    *,
+    T_w_c: Array,
+    T_w_r1: SE2 | None,
+    things: Sequence[PlacedThing] = (),
+) -> Drawn:
+    """What a camera in a furnished plan sees; light and the camera's effects are drawn.
+
+    Args:
+        rng: draws them.
+        place: where.
+        room_looks: what the plan is made of.
+        looks: the robot that may be seen.
+        camera: intrinsics.
+        worn: materials of that robot's parts.
+        draws: share of images with shadows.
+        T_w_c: (4, 4) pose of the camera.
+        T_w_r1: pose of the robot that may be seen; None if it is not there.
+        things: what lies about.
+    """
+    places_m, shadow = _lamp_places(rng, place, T_w_c), bool(rng.random() < draws.shadow_share)
+    lighting = room_lighting(rng, places_m=places_m, ceiling_m=place.wall_height_m, shadow=shadow)
+    effects = draw_effects(rng, light_k=lighting.temperature_k())
+    pose = None if T_w_r1 is None else se3_from_se2(T_w_r1)
+    robot = () if pose is None else looks.instances(pose, worn)
+    instances = (*room_instances(place, room_looks), *thing_instances(things), *robot)
+    scene = lit_scene(camera, T_w_c, instances, lighting, robot=bool(robot))
+    record = drawn_record(lighting, room_looks, worn, things, effects)
+    return Drawn(scene=scene, effects=effects, T_w_r1=pose, record=record)
+
+
+def lit_scene(
+    camera: PinholeCamera,
+    T_w_c: Array,
+    instances: tuple[Instance, ...],
+    lighting: Lighting,
+    *,
+    robot: bool,
+    background: Image | None = None,
+) -> Scene:
+    """Instances under drawn light; robot: whether it is among them."""
+    return Scene(
+        camera=camera,
+        T_w_c=T_w_c,
+        instances=instances,
+        lights=tuple(lamp.light() for lamp in lighting.lamps),
+        ambient_rgb=lighting.ambient_rgb,
+        background=background,
+        robot=ROBOT if robot else None,
+    )
+
+
+def drawn_record(
+    lighting: Lighting,
+    surfaces: RoomLooks | Mapping[str, JsonValue],
+    worn: Mapping[str, Material],
+    things: Sequence[PlacedThing],
+    effects: CameraEffects,
+) -> dict[str, JsonValue]:
+    """What all modes draw."""
+    return {
+        "lighting": plain(lighting),
+        "surfaces": plain(surfaces),
+        "robot": plain(worn),
+        "things": plain(list(things)),
+        "effects": plain(effects),
+    }
+
+
+def thing_instances(things: Sequence[PlacedThing]) -> list[Instance]:
+    """Their parts, named `thing-0-kind/0` and so on."""
+    return [
+        instance
+        for i, placed in enumerate(things)
+        for instance in placed.thing.instances(placed.T_w_t, name=f"thing-{i}-{placed.thing.kind}")
+    ]
+
+
+def _lamp_places(rng: np.random.Generator, place: FurnishedPlan, T_w_c: Array) -> Array:
+    """(3, 2) [m]: floor of the room before the camera, over which lamps may hang; else over the camera."""
+    eye_m = T_w_c[:2, 3]
+    # Uniform in distance and in bearing, up to a right angle from where the camera looks.
+    away_m, bearing_rad = rng.uniform(0.3, 3.5, 40), rng.uniform(-0.5 * math.pi, 0.5 * math.pi, 40)
+    bearing_rad += math.atan2(T_w_c[1, 2], T_w_c[0, 2])
+    places_m = eye_m + away_m[:, None] * np.stack([np.cos(bearing_rad), np.sin(bearing_rad)], axis=1)
+    lines = shapely.linestrings(np.stack([np.broadcast_to(eye_m, places_m.shape), places_m], axis=1))
+    inside_m = places_m[shapely.covers(place.plan.free_space(), lines)]
+    return np.concatenate([inside_m, np.repeat(eye_m[None], 3, axis=0)])[:3]
+
+
+def _things_on_floor(
+    rng: np.random.Generator,
+    place: FurnishedPlan,
+    meeting: Meeting,
+    observer: RobotSpec,
+    seen: RobotSpec,
+    *,
+    occluded: bool,
+    variants: int,
+) -> tuple[PlacedThing, ...]:
+    """A few in view, Poisson with mean 3; occluded: and one before the robot, to hide a part of it."""
+    robots = [(meeting.T_w_r0, observer), (meeting.T_w_r1, seen)]
+    taken = [(pose.x_m, pose.y_m, spec.radius_m + 0.01) for pose, spec in robots if pose is not None]
+    placed: list[PlacedThing] = []
+    for i in range(int(rng.poisson(3.0)) + occluded):
+        thing = draw_thing(rng, variants=variants)
+        hides = i == 0 and occluded
+        xy_m = _before(rng, meeting, thing, seen) if hides else _in_view(rng, meeting, thing)
+        pose = place_on_floor(rng, thing, free=place.floor, xy_m=xy_m, taken=taken)
+        if pose is not None:
+            taken.append((pose.x_m, pose.y_m, thing.radius_m))
+            placed.append(PlacedThing(thing=thing, T_w_t=se3_from_se2(pose)))
+    return tuple(placed)
+
+
+def _in_view(rng: np.random.Generator, meeting: Meeting, thing: Thing) -> Array:
+    """(N, 2) [m]: distance and bearing uniform, off the line of sight between the robots."""
+    away_m, bearing_rad = rng.uniform(0.4, VIEW_M, 16), rng.uniform(-0.55, 0.55, 16)
+    p_r0 = away_m[:, None] * np.stack([np.cos(bearing_rad), np.sin(bearing_rad)], axis=1)
+    places_m = meeting.T_w_r0 @ p_r0
+    if meeting.T_w_r1 is None:
+        return places_m
+    ends_m = [pose.as_array()[:2] for pose in (meeting.T_w_r0, meeting.T_w_r1)]
+    gaps_m = shapely.distance(shapely.LineString(ends_m), shapely.points(places_m))
+    off_line: Array = places_m[gaps_m > thing.radius_m]
+    return off_line
+
+
+def _before(rng: np.random.Generator, meeting: Meeting, thing: Thing, seen: RobotSpec) -> Array:
+    """(16, 2) [m]: between the robots, so far aside that some of the robot seen is left to see."""
+    assert meeting.T_w_r1 is not None
+    eye_m, target_m = meeting.T_w_r0.as_array()[:2], meeting.T_w_r1.as_array()[:2]
+    share = rng.uniform(0.3, 0.95, 16)[:, None]
+    # Uniform; the nearer to the eye, the narrower the cone in which the robot is.
+    edge = rng.uniform(-0.7, 0.9, 16)[:, None] * share * 0.5 * seen.size_m[1]
+    aside_m = rng.choice([-1.0, 1.0], 16)[:, None] * (thing.radius_m + edge)
+    along = (target_m - eye_m) / np.linalg.norm(target_m - eye_m)
+    return eye_m + share * (target_m - eye_m) + aside_m * np.array([-along[1], along[0]])

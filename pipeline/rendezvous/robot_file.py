@@ -1,0 +1,53 @@
+"""Robot files: `assets/robots/<name>/robot.yaml`, or one's own."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from rendezvous.config.strict_section import Section, validated_section
+from rendezvous.config.strict_yaml import load_file
+from rendezvous.errors import ConfigError
+from rendezvous.resources import ROBOTS
+from rendezvous.simulation.robot import RobotSpec
+
+_RIGHT = "a robot file, a YAML mapping such as assets/robots/burger/robot.yaml"
+
+
+class _RobotFile(Section):
+    robot: RobotSpec
+
+
+def load_robot(robot: str) -> RobotSpec:
+    """Read a robot.
+
+    Args:
+        robot: the name of one in `assets/robots`, or the path of a robot file.
+
+    Raises:
+        ConfigError: there is none, or it has an unknown key or a wrong value.
+    """
+    path = _robot_file(robot)
+    if not path.is_file():
+        known = ", ".join(sorted(p.name for p in ROBOTS.iterdir() if (p / "robot.yaml").is_file()))
+        raise ConfigError(f"robot {robot!r}: no file {path}; known robots are {known}, or give a .yaml file")
+    return validated_section(_RobotFile, {"robot": load_file(path, right=_RIGHT)}, file=str(path)).robot
+
+
+def load_robot_model(robot: str) -> bytes:
+    """Read the binary glTF file of what a robot looks like, which lies beside its robot file.
+
+    Raises:
+        ConfigError: there is none.
+    """
+    path = _robot_file(robot).with_suffix(".glb")
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise ConfigError(
+            f"robot {robot!r}: no model {path} ({(error.strerror or str(error)).lower()}); pictures need one "
+            "beside the robot file: binary glTF, in metres, on the floor between the wheels, x forward, z up"
+        ) from error
+
+
+def _robot_file(robot: str) -> Path:
+    return Path(robot) if robot.endswith((".yaml", ".yml")) else ROBOTS / robot / "robot.yaml"

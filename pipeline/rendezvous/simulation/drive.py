@@ -1,0 +1,214 @@
+"""Physics of the robots: commands in, true poses and encoder readings out."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from rendezvous.errors import require_within
+from rendezvous.floorplan.records import Solid
+from rendezvous.geometry.se2 import SE2, Array
+from rendezvous.simulation.nearby import Nearby, Slots
+from rendezvous.simulation.robot import CONTROL_HZ, RobotSpec
+from rendezvous.simulation.world import TIMESTEP_S, Drive, scene_mjcf
+
+TICK_S = 1.0 / CONTROL_HZ
+"""Period of the wheel controller and of the encoders."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OdometryNoise:
+    """What the encoders add to the slip that physics gives.
+
+    Attributes:
+        scale_sigma: sigma of each wheel's constant scale error (wear, tyre, calibration).
+        tick_rad: size of an encoder step (XL430: 4096 steps a turn).
+        jitter_rad: sigma of each reading.
+        planar_slip: sigma of the relative slip of each wheel and tick under `planar` drive, where physics
+            has no wheels to slip.
+    """
+
+    scale_sigma: float = 0.002
+    tick_rad: float = 2.0 * math.pi / 4096
+    jitter_rad: float = 0.001
+    planar_slip: float = 0.02
+
+    def __post_init__(self) -> None:
+        require_within(
+            self, scale_sigma=(0, 0.2), tick_rad=(1e-6, 1), jitter_rad=(0, 0.5), planar_slip=(0, 0.5)
+        )
+
+
+_DIVERGED = (
+    mujoco.mjtWarning.mjWARN_BADQPOS,
+    mujoco.mjtWarning.mjWARN_BADQVEL,
+    mujoco.mjtWarning.mjWARN_BADQACC,
+    mujoco.mjtWarning.mjWARN_BADCTRL,
+)
+
+# Or MuJoCo writes a log file into the working directory; what it warns of is looked up in every step.
+mujoco.set_mju_user_warning(lambda message: None)
+
+
+class Encoder:
+    """The two wheel encoders of one robot."""
+
+    def __init__(self, noise: OdometryNoise, *, rng: np.random.Generator) -> None:
+        self._noise = noise
+        self._rng = rng
+        # Normal: one constant scale error per wheel and episode.
+        self._scale = 1.0 + noise.scale_sigma * rng.standard_normal(2)
+
+    def read(self, wheels_rad: tuple[float, float]) -> tuple[float, float]:
+        """Left and right wheel angle [rad] as the encoders report them."""
+        # Normal jitter of each reading, then steps.
+        jitter = self._rng.standard_normal(2)
+        noise = self._noise
+        left = wheels_rad[0] * self._scale[0] + noise.jitter_rad * jitter[0]
+        right = wheels_rad[1] * self._scale[1] + noise.jitter_rad * jitter[1]
+        return (
+            math.floor(left / noise.tick_rad) * noise.tick_rad,
+            math.floor(right / noise.tick_rad) * noise.tick_rad,
+        )
+
+
+class Physics:
+    """MuJoCo, stepped one controller period at a time.
+
+    MuJoCo looks at every geom in every step, also at the static ones, which in a furnished plan takes two
+    fifths of the time. So only the solids within a robot's reach are in its scene, in slots that are filled
+    anew as the robots move on; the motion is the same.
+
+    Args:
+        solids: walls and furniture.
+        robots: the specs, r0, r1, ...
+        starts: their start poses in w.
+        drive: how they move.
+        planar_slip: relative slip per tick under `planar` drive, see `OdometryNoise`.
+        rng: draws that slip.
+        all_solids: have all of them in the scene all the time.
+    """
+
+    def __init__(
+        self,
+        solids: Sequence[Solid],
+        robots: Sequence[RobotSpec],
+        starts: Sequence[SE2],
+        *,
+        drive: Drive,
+        planar_slip: float,
+        rng: np.random.Generator,
+        all_solids: bool = False,
+    ) -> None:
+        reach_m = max(max(spec.size_m) + 2.0 * spec.max_speed_mps * TICK_S for spec in robots)
+        self._nearby = None if all_solids else Nearby(solids, reach_m=reach_m)
+        mjcf = scene_mjcf(
+            solids if self._nearby is None else (),
+            robots,
+            starts,
+            drive=drive,
+            slots=0 if self._nearby is None else len(robots) * self._nearby.most,
+        )
+        self._model = mujoco.MjModel.from_xml_string(mjcf)
+        # MuJoCo would put everything back to its start and go on.
+        self._model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
+        self._slots = Slots(self._model, solids)
+        self._data = mujoco.MjData(self._model)
+        self._robots = robots
+        self._drive = drive
+        self._slip = planar_slip
+        self._rng = rng
+        self._substeps = round(TICK_S / TIMESTEP_S[drive])
+        first_joint = "{}" if drive is Drive.WHEELS else "{}_x"
+        self._qpos = [
+            int(self._model.joint(first_joint.format(f"r{i}")).qposadr[0]) for i in range(len(robots))
+        ]
+        self._starts_w = np.array([start.as_array() for start in starts])
+        self._poses_w = self._starts_w.copy()
+        self._wheels_rad = np.zeros((len(robots), 2))
+        self._ticks = 0
+
+    def step(self, twists: Sequence[tuple[float, float]]) -> None:
+        """Advance by `TICK_S` with (speed [m/s], turn rate [rad/s]) commanded to each robot.
+
+        Raises:
+            FloatingPointError: the physics diverged.
+        """
+        control = self._data.ctrl
+        for i, (speed_mps, turn_radps) in enumerate(twists):
+            left, right = self._robots[i].wheel_speeds(speed_mps, turn_radps)
+            if self._drive is Drive.WHEELS:
+                control[2 * i], control[2 * i + 1] = left, right
+            else:
+                self._command_planar(i, left, right)
+        if self._nearby is not None:
+            self._slots.fill(self._nearby.solids_at(self._poses_w))
+        mujoco.mj_step(self._model, self._data, nstep=self._substeps)
+        self._ticks += 1
+        before_w = self._poses_w.copy()
+        for i in range(len(self._robots)):
+            self._read_pose(i)
+        if self._drive is Drive.PLANAR:
+            self._turn_planar_wheels(before_w)
+        else:
+            self._read_wheels()
+        if any(self._data.warning[kind].number for kind in _DIVERGED) or not np.isfinite(self._poses_w).all():
+            raise FloatingPointError(f"the physics diverged at {self.time_s:.2f} s")
+
+    @property
+    def time_s(self) -> float:
+        """Simulated time."""
+        return self._ticks * TICK_S
+
+    def poses_w(self) -> Array:
+        """(R, 3) true x, y [m] and yaw [rad] (unrolled) of each robot in w."""
+        return self._poses_w.copy()
+
+    def wheels_rad(self, robot: int) -> tuple[float, float]:
+        """True left and right wheel angle since the start."""
+        return float(self._wheels_rad[robot, 0]), float(self._wheels_rad[robot, 1])
+
+    def _command_planar(self, i: int, left_radps: float, right_radps: float) -> None:
+        wheels = self._robots[i].wheels
+        speed_mps = 0.5 * wheels.radius_m * (left_radps + right_radps)
+        turn_radps = wheels.radius_m * (right_radps - left_radps) / wheels.track_m
+        # The slides' axes are those of the start pose.
+        heading = self._poses_w[i, 2] - self._starts_w[i, 2] + 0.5 * turn_radps * TICK_S
+        self._data.ctrl[3 * i : 3 * i + 3] = (
+            speed_mps * math.cos(heading),
+            speed_mps * math.sin(heading),
+            turn_radps,
+        )
+
+    def _read_pose(self, i: int) -> None:
+        q = self._data.qpos[self._qpos[i] : self._qpos[i] + 7]
+        pose = self._poses_w[i]
+        if self._drive is Drive.PLANAR:
+            start = self._starts_w[i]
+            c, s = math.cos(start[2]), math.sin(start[2])
+            pose[:] = (start[0] + c * q[0] - s * q[1], start[1] + s * q[0] + c * q[1], start[2] + q[2])
+            return
+        w, x, y, z = q[3], q[4], q[5], q[6]
+        yaw = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+        pose[:] = (q[0], q[1], pose[2] + math.remainder(yaw - pose[2], 2.0 * math.pi))
+
+    def _read_wheels(self) -> None:
+        for i in range(len(self._robots)):
+            # The wheels' hinges follow the robot's free joint.
+            a = self._qpos[i] + 7
+            self._wheels_rad[i] = self._data.qpos[a : a + 2]
+
+    def _turn_planar_wheels(self, before_w: Array) -> None:
+        """Wheel angles that would have given the motion, with relative normal slip per wheel and tick."""
+        slip = 1.0 + self._slip * self._rng.standard_normal((len(self._robots), 2))
+        for i, spec in enumerate(self._robots):
+            dx, dy, turn = self._poses_w[i] - before_w[i]
+            heading = before_w[i, 2] + 0.5 * turn
+            forward = math.cos(heading) * dx + math.sin(heading) * dy
+            half_turn_m = 0.5 * spec.wheels.track_m * turn
+            turned = np.array([forward - half_turn_m, forward + half_turn_m]) / spec.wheels.radius_m
+            self._wheels_rad[i] += turned * slip[i]

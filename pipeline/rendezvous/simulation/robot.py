@@ -1,0 +1,185 @@
+"""A differential-drive robot: dimensions, limits, sensors. Frame r: on the floor between the wheels."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rendezvous.errors import ConfigError
+from rendezvous.geometry.camera import PinholeCamera, camera_pose
+from rendezvous.geometry.se2 import Array
+
+CONTROL_HZ = 20.0
+"""Rate of the wheel controller and of the encoders."""
+
+Vec3 = tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Chassis:
+    """The body as an upright cylinder [m]."""
+
+    radius_m: float
+    centre_x_m: float
+    bottom_z_m: float
+    top_z_m: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Wheels:
+    """The two driven wheels; `mass_kg` is one wheel's."""
+
+    radius_m: float
+    width_m: float
+    track_m: float
+    mass_kg: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Caster:
+    """The passive ball caster behind the wheels."""
+
+    x_m: float
+    radius_m: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LidarSpec:
+    """A spinning lidar on the robot's axis; its axes are those of r."""
+
+    x_m: float
+    z_m: float
+    cap_radius_m: float
+    beams: int
+    rate_hz: float
+    range_min_m: float
+    range_max_m: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CameraSpec:
+    """A camera's mounting (of its body, x forward) and intrinsics."""
+
+    xyz_m: Vec3
+    rpy_rad: Vec3
+    fx_px: float
+    fy_px: float
+    cx_px: float
+    cy_px: float
+    width_px: int
+    height_px: int
+
+    def intrinsics(self) -> PinholeCamera:
+        """The pinhole model."""
+        return PinholeCamera(
+            fx_px=self.fx_px,
+            fy_px=self.fy_px,
+            cx_px=self.cx_px,
+            cy_px=self.cy_px,
+            width_px=self.width_px,
+            height_px=self.height_px,
+        )
+
+    def T_r_c(self) -> Array:
+        """(4, 4) pose of the optical frame in r."""
+        return camera_pose(np.array(self.xyz_m), np.array(self.rpy_rad))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Cuboid:
+    """The box around the robot whose corners are DOPE's keypoints; axes of r."""
+
+    size_m: Vec3
+    centre_m: Vec3
+
+    def T_r_o(self) -> Array:
+        """(4, 4) pose of the object frame in r."""
+        T_r_o = np.eye(4)
+        T_r_o[:3, 3] = self.centre_m
+        return T_r_o
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RobotSpec:
+    """Everything the pipeline knows of a robot; filled from `assets/robots/<name>/robot.yaml`."""
+
+    name: str
+    size_m: Vec3
+    radius_m: float
+    mass_kg: float
+    max_speed_mps: float
+    max_turn_rate_radps: float
+    chassis: Chassis
+    wheels: Wheels
+    caster: Caster
+    lidar: LidarSpec
+    camera: CameraSpec
+    cuboid: Cuboid
+
+    def __post_init__(self) -> None:
+        for name, value in self._lengths().items():
+            if not value > 0.0:
+                raise ConfigError(f"robot {self.name}: {name} is {value}; must be positive")
+        lidar, chassis = self.lidar, self.chassis
+        if not chassis.bottom_z_m < chassis.top_z_m <= self.size_m[2]:
+            raise ConfigError(
+                f"robot {self.name}: the chassis reaches from {chassis.bottom_z_m} to {chassis.top_z_m} m; "
+                f"its top must be above its bottom and at most the robot's height of {self.size_m[2]} m"
+            )
+        if not 0.0 < lidar.z_m <= self.size_m[2]:
+            raise ConfigError(
+                f"robot {self.name}: lidar.z_m is {lidar.z_m}; must be within the robot's {self.size_m[2]} m"
+            )
+        if lidar.beams < 8 or not 0.0 <= lidar.range_min_m < lidar.range_max_m:
+            raise ConfigError(
+                f"robot {self.name}: lidar with {lidar.beams} beams from {lidar.range_min_m} to "
+                f"{lidar.range_max_m} m; needs at least 8 beams and a range"
+            )
+        ticks = CONTROL_HZ / lidar.rate_hz
+        if round(ticks) < 1 or abs(ticks - round(ticks)) > 1e-9:
+            raise ConfigError(
+                f"robot {self.name}: lidar.rate_hz is {lidar.rate_hz}; must divide the controller's "
+                f"{CONTROL_HZ:g} Hz, such as 5 or 10"
+            )
+        if 2 * self.wheels.mass_kg >= self.mass_kg:
+            raise ConfigError(
+                f"robot {self.name}: two wheels of {self.wheels.mass_kg} kg are not part of {self.mass_kg} kg"
+            )
+
+    def _lengths(self) -> dict[str, float]:
+        """What must be positive, by its key."""
+        values = {
+            "radius_m": self.radius_m,
+            "mass_kg": self.mass_kg,
+            "max_speed_mps": self.max_speed_mps,
+            "max_turn_rate_radps": self.max_turn_rate_radps,
+            "chassis.radius_m": self.chassis.radius_m,
+            "wheels.radius_m": self.wheels.radius_m,
+            "wheels.width_m": self.wheels.width_m,
+            "wheels.track_m": self.wheels.track_m,
+            "wheels.mass_kg": self.wheels.mass_kg,
+            "caster.radius_m": self.caster.radius_m,
+            "lidar.cap_radius_m": self.lidar.cap_radius_m,
+            "lidar.rate_hz": self.lidar.rate_hz,
+        }
+        sizes = {"size_m": self.size_m, "cuboid.size_m": self.cuboid.size_m}
+        return values | {f"{key}[{k}]": size[k] for key, size in sizes.items() for k in range(3)}
+
+    def circle_at(self, height_m: float) -> tuple[float, float] | None:
+        """(x, radius) [m] of what a level scan at this height sees of the robot; None if it passes over."""
+        if self.chassis.top_z_m < height_m <= self.size_m[2]:
+            return self.lidar.x_m, self.lidar.cap_radius_m
+        if self.chassis.bottom_z_m <= height_m <= self.chassis.top_z_m:
+            return self.chassis.centre_x_m, self.chassis.radius_m
+        return None
+
+    def wheel_speeds(self, speed_mps: float, turn_rate_radps: float) -> tuple[float, float]:
+        """Left and right wheel speed [rad/s] of a twist, scaled down together to the robot's limits."""
+        turn_rate_radps = max(-self.max_turn_rate_radps, min(self.max_turn_rate_radps, turn_rate_radps))
+        half_track_m = 0.5 * self.wheels.track_m
+        limit_radps = self.max_speed_mps / self.wheels.radius_m
+        left = (speed_mps - half_track_m * turn_rate_radps) / self.wheels.radius_m
+        right = (speed_mps + half_track_m * turn_rate_radps) / self.wheels.radius_m
+        scale = min(1.0, limit_radps / max(abs(left), abs(right), 1e-9))
+        return left * scale, right * scale

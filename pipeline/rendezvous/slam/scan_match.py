@@ -1,0 +1,253 @@
+"""Scan matching: point-to-line registration of a scan against a map of surface elements."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numba as nb
+import numpy as np
+from numpy.typing import NDArray
+
+from rendezvous.errors import require_within
+from rendezvous.geometry.se2 import Array
+from rendezvous.slam.surface_map import NX, NY, WEIGHT, SurfaceMap, X, Y, nearest
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MatchParameters:
+    """Settings of the matcher.
+
+    Attributes:
+        cell_m: side of the cells that hold surface elements.
+        beam_step: every how many beams are matched.
+        normal_radius_m: points this near to each other on a scan give its normal.
+        gate_m: a point farther than this from a surface is not matched with it.
+        same_side: least cosine between the normals of a point and its surface.
+        max_weight: scans after which an element is no longer moved, so that the map cannot creep.
+        iterations: most Gauss-Newton steps.
+        prior_*: sigma of the odometry between two scans: constant, and per metre or radian travelled.
+    """
+
+    cell_m: float = 0.10
+    beam_step: int = 1
+    normal_radius_m: float = 0.20
+    gate_m: float = 0.15
+    same_side: float = 0.7
+    max_weight: float = 60.0
+    iterations: int = 6
+    prior_xy_m: float = 0.004
+    prior_xy_per_m: float = 0.05
+    prior_yaw_rad: float = 0.008
+    prior_yaw_per_rad: float = 0.05
+
+    def __post_init__(self) -> None:
+        require_within(
+            self, cell_m=(0.02, 1), beam_step=(1, 90), normal_radius_m=(0.02, 2), gate_m=(0.01, 1),
+            same_side=(-1, 0.999), max_weight=(0.1, 1e9), iterations=(1, 100), prior_xy_m=(1e-6, 10),
+            prior_xy_per_m=(0, 10), prior_yaw_rad=(1e-6, 10), prior_yaw_per_rad=(0, 10),
+        )  # fmt: skip
+
+
+# Points look for their surface in the first steps only; by then the scan has nearly settled.
+_ASSOCIATIONS = 3
+
+
+@nb.njit(cache=True)
+def scan_normals(points_m: Array, origins_m: Array, valid: NDArray[np.bool_], radius_m: float) -> Array:
+    """(B, 2) unit normals towards the sensor; zero where the surface is not a line.
+
+    Args:
+        points_m: (B, 2) in beam order, closing the circle.
+        origins_m: (B, 2) the sensor as each beam was shot.
+        valid: (B,) which beams have a point.
+        radius_m: neighbours farther than this do not count.
+    """
+    n = points_m.shape[0]
+    normals = np.zeros((n, 2))
+    for i in range(n):
+        if not valid[i]:
+            continue
+        count, sx, sy, sxx, sxy, syy = 1, 0.0, 0.0, 0.0, 0.0, 0.0
+        for direction in (-1, 1):
+            for k in range(1, 13):
+                j = (i + direction * k) % n
+                if not valid[j]:
+                    continue
+                dx, dy = points_m[j, 0] - points_m[i, 0], points_m[j, 1] - points_m[i, 1]
+                if dx * dx + dy * dy > radius_m * radius_m:
+                    break
+                count += 1
+                sx += dx
+                sy += dy
+                sxx += dx * dx
+                sxy += dx * dy
+                syy += dy * dy
+        if count < 4:
+            continue
+        cxx = sxx / count - (sx / count) ** 2
+        cxy = sxy / count - (sx / count) * (sy / count)
+        cyy = syy / count - (sy / count) ** 2
+        half_trace = 0.5 * (cxx + cyy)
+        root = math.sqrt((0.5 * (cxx - cyy)) ** 2 + cxy * cxy)
+        if half_trace - root > 0.2 * (half_trace + root):
+            continue
+        along = 0.5 * math.atan2(2.0 * cxy, cxx - cyy)
+        nx, ny = -math.sin(along), math.cos(along)
+        to_x, to_y = origins_m[i, 0] - points_m[i, 0], origins_m[i, 1] - points_m[i, 1]
+        sign = 1.0 if nx * to_x + ny * to_y > 0.0 else -1.0
+        normals[i, 0], normals[i, 1] = sign * nx, sign * ny
+    return normals
+
+
+def match_scan(
+    surface: SurfaceMap,
+    points_m: Array,
+    normals: Array,
+    sigma_m: Array,
+    prior: Array,
+    *,
+    travelled: Array,
+    parameters: MatchParameters,
+) -> tuple[Array, int]:
+    """Register a scan: Gauss-Newton on Cauchy-weighted point-to-line distances plus the prior.
+
+    Args:
+        surface: what was seen before.
+        points_m, normals, sigma_m: as for `SurfaceMap.insert`.
+        prior: (3,) pose that odometry predicts.
+        travelled: (3,) motion since the last scan in the robot frame; it sets the prior's sigma.
+        parameters: settings.
+
+    Returns:
+        (3,) pose and the number of points matched.
+    """
+    p = parameters
+    sigma_xy_m = p.prior_xy_m + p.prior_xy_per_m * math.hypot(travelled[0], travelled[1])
+    sigma_yaw = p.prior_yaw_rad + p.prior_yaw_per_rad * abs(travelled[2])
+    step = p.beam_step
+    return _match(
+        points_m[::step], normals[::step], sigma_m[::step], prior, sigma_xy_m**-2, sigma_yaw**-2,
+        surface.index, surface.after, surface.elements, surface.cell_m, p.gate_m, surface.same_side,
+        p.iterations,
+    )  # fmt: skip
+
+
+@nb.njit(cache=True)
+def _match(
+    points_m: Array,
+    normals: Array,
+    sigma_m: Array,
+    prior: Array,
+    info_xy: float,
+    info_yaw: float,
+    index: NDArray[np.int32],
+    after: NDArray[np.int32],
+    elements: Array,
+    cell_m: float,
+    gate_m: float,
+    same_side: float,
+    iterations: int,
+) -> tuple[Array, int]:
+    pose = prior.copy()
+    matched = np.empty(points_m.shape[0], np.int32)
+    H, g = np.zeros((3, 3)), np.zeros(3)
+    for iteration in range(iterations):
+        if iteration < _ASSOCIATIONS:
+            _associate(points_m, normals, pose, index, after, elements, cell_m, gate_m, same_side, matched)
+        _prior_terms(pose, prior, info_xy, info_yaw, H, g)
+        _add_point_terms(points_m, sigma_m, matched, elements, pose, H, g)
+        delta = np.linalg.solve(H, g)
+        pose -= delta
+        if abs(delta[0]) + abs(delta[1]) < 5e-4 and abs(delta[2]) < 2e-4:
+            break
+    return pose, int((matched >= 0).sum())
+
+
+@nb.njit(cache=True)
+def _associate(
+    points_m: Array,
+    normals: Array,
+    pose: Array,
+    index: NDArray[np.int32],
+    after: NDArray[np.int32],
+    elements: Array,
+    cell_m: float,
+    gate_m: float,
+    same_side: float,
+    matched: NDArray[np.int32],
+) -> None:
+    """Write each point's element into `matched`, -1 for none."""
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    for i in range(points_m.shape[0]):
+        matched[i] = -1
+        if normals[i, 0] == 0.0 and normals[i, 1] == 0.0:
+            continue
+        x = pose[0] + (c * points_m[i, 0] - s * points_m[i, 1])
+        y = pose[1] + (s * points_m[i, 0] + c * points_m[i, 1])
+        nx = c * normals[i, 0] - s * normals[i, 1]
+        ny = s * normals[i, 0] + c * normals[i, 1]
+        matched[i] = nearest(x, y, nx, ny, index, after, elements, cell_m, gate_m, same_side)
+
+
+@nb.njit(cache=True)
+def _prior_terms(pose: Array, prior: Array, info_xy: float, info_yaw: float, H: Array, g: Array) -> None:
+    """Begin the normal equations with the prior.
+
+    Cauchy-weighted as well: wheels that spin against an obstacle must not outvote the walls.
+    """
+    ex, ey, ea = pose[0] - prior[0], pose[1] - prior[1], pose[2] - prior[2]
+    off = info_xy * (ex * ex + ey * ey) + info_yaw * ea * ea
+    trust = 1.0 / (1.0 + off / 9.0)
+    H[:] = 0.0
+    H[0, 0] = H[1, 1] = trust * info_xy
+    H[2, 2] = trust * info_yaw
+    g[0], g[1], g[2] = trust * info_xy * ex, trust * info_xy * ey, trust * info_yaw * ea
+
+
+@nb.njit(cache=True)
+def _add_point_terms(
+    points_m: Array,
+    sigma_m: Array,
+    matched: NDArray[np.int32],
+    elements: Array,
+    pose: Array,
+    H: Array,
+    g: Array,
+) -> None:
+    """Add the matched points' distances from their lines to the normal equations."""
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    h00, h01, h11, h02, h12, h22, g0, g1, g2 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for i in range(points_m.shape[0]):
+        if matched[i] < 0:
+            continue
+        e = elements[matched[i]]
+        rx = c * points_m[i, 0] - s * points_m[i, 1]
+        ry = s * points_m[i, 0] + c * points_m[i, 1]
+        mx, my = e[NX], e[NY]
+        r = mx * (pose[0] + rx - e[X]) + my * (pose[1] + ry - e[Y])
+        # Of the point, of the element's mean, and 5 mm for what an element does not follow.
+        var = sigma_m[i] ** 2 + 1e-4 / e[WEIGHT] + 2.5e-5
+        w = 1.0 / (var + r * r / 4.0)
+        turn = -mx * ry + my * rx
+        h00 += w * mx * mx
+        h01 += w * mx * my
+        h11 += w * my * my
+        h02 += w * mx * turn
+        h12 += w * my * turn
+        h22 += w * turn * turn
+        g0 += w * mx * r
+        g1 += w * my * r
+        g2 += w * turn * r
+    H[0, 0] += h00
+    H[0, 1] += h01
+    H[1, 0] += h01
+    H[1, 1] += h11
+    H[0, 2] += h02
+    H[2, 0] += h02
+    H[1, 2] += h12
+    H[2, 1] += h12
+    H[2, 2] += h22
+    g[0] += g0
+    g[1] += g1
+    g[2] += g2

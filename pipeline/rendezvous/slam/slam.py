@@ -1,0 +1,200 @@
+"""SLAM of one robot from what it measures: wheel encoders and lidar sweeps. No ground truth comes in."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numba as nb
+import numpy as np
+from numpy.typing import NDArray
+
+from rendezvous.errors import ConfigError, require_within
+from rendezvous.geometry.occupancy_grid import OccupancyGrid
+from rendezvous.geometry.se2 import Array
+from rendezvous.slam.mapping import MappingParameters, OccupancyMapper
+from rendezvous.slam.scan_match import MatchParameters, match_scan, scan_normals
+from rendezvous.slam.surface_map import SurfaceMap
+
+MOST_CELLS = 8000
+"""Cells per side of the largest map."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SlamParameters:
+    """Settings of the SLAM.
+
+    Attributes:
+        extent_m: side of the square map.
+        keyframe_m, keyframe_rad: motion after which a scan is averaged into the surface map.
+        range_sigma_m, range_sigma_ratio: the lidar's data sheet: sigma = hypot(m, ratio * range).
+    """
+
+    extent_m: float = 80.0
+    keyframe_m: float = 0.15
+    keyframe_rad: float = 0.15
+    range_sigma_m: float = 0.01
+    range_sigma_ratio: float = 0.01
+    match: MatchParameters = field(default_factory=MatchParameters)
+    mapping: MappingParameters = field(default_factory=MappingParameters)
+
+    def __post_init__(self) -> None:
+        require_within(
+            self, extent_m=(4, 400), keyframe_m=(0, 10), keyframe_rad=(0, 7), range_sigma_m=(1e-4, 1),
+            range_sigma_ratio=(0, 0.5),
+        )  # fmt: skip
+        cells = self.extent_m / self.mapping.resolution_m
+        if cells > MOST_CELLS:
+            raise ConfigError(
+                f"SlamParameters: extent_m {self.extent_m} at mapping.resolution_m "
+                f"{self.mapping.resolution_m} makes {cells:.0f} cells a side; at most {MOST_CELLS}"
+            )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sweep:
+    """One turn of the lidar.
+
+    Attributes:
+        ranges_m: (B,) inf for no echo.
+        odometry: (K, 3) odometry poses evenly spaced over the sweep, first at its start, last at its end.
+    """
+
+    ranges_m: Array
+    odometry: Array
+
+
+@nb.njit(cache=True)
+def deskew(
+    ranges_m: Array, bearings_rad: Array, odometry: Array, lidar_x_m: float, no_echo_m: float
+) -> tuple[Array, Array]:
+    """(B, 2) beam ends and (B, 2) beam origins, all in the robot frame at the sweep's end [m].
+
+    Each beam is placed where odometry says the robot was when it was shot; a beam without echo ends after
+    `no_echo_m`.
+    """
+    n, knots = ranges_m.shape[0], odometry.shape[0]
+    points, origins = np.empty((n, 2)), np.empty((n, 2))
+    end = odometry[knots - 1]
+    c, s = math.cos(end[2]), math.sin(end[2])
+    for i in range(n):
+        at = i * (knots - 1) / n
+        k = int(at)
+        f = at - k
+        dx = odometry[k, 0] + f * (odometry[k + 1, 0] - odometry[k, 0]) - end[0]
+        dy = odometry[k, 1] + f * (odometry[k + 1, 1] - odometry[k, 1]) - end[1]
+        yaw = odometry[k, 2] + f * (odometry[k + 1, 2] - odometry[k, 2]) - end[2]
+        origins[i, 0] = c * dx + s * dy + lidar_x_m * math.cos(yaw)
+        origins[i, 1] = -s * dx + c * dy + lidar_x_m * math.sin(yaw)
+        r = ranges_m[i] if math.isfinite(ranges_m[i]) else no_echo_m
+        points[i, 0] = origins[i, 0] + r * math.cos(yaw + bearings_rad[i])
+        points[i, 1] = origins[i, 1] + r * math.sin(yaw + bearings_rad[i])
+    return points, origins
+
+
+@nb.njit(cache=True)
+def open_space(ranges_m: Array, run: int) -> NDArray[np.bool_]:
+    """(B,) bool: beams without echo in a run of at least `run` such neighbours."""
+    n = ranges_m.shape[0]
+    found = np.zeros(n, np.bool_)
+    length = 0
+    # Round once more, so that a run across the first beam is seen whole.
+    for i in range(2 * n):
+        if math.isfinite(ranges_m[i % n]):
+            length = 0
+            continue
+        length += 1
+        if length == run:
+            for k in range(run):
+                found[(i - k) % n] = True
+        elif length > run:
+            found[i % n] = True
+    return found
+
+
+class Slam:
+    """Online SLAM: odometry prior, scan match, occupancy mapping. Map frame: the pose at the first sweep.
+
+    Args:
+        bearings_rad: (B,) the lidar's beams.
+        lidar_x_m: its place on the robot's axis.
+        range_max_m: how far it sees; a beam without echo clears no farther.
+        parameters: settings.
+    """
+
+    def __init__(
+        self, *, bearings_rad: Array, lidar_x_m: float, range_max_m: float, parameters: SlamParameters
+    ) -> None:
+        self.parameters = parameters
+        self._bearings_rad = bearings_rad
+        self._lidar_x_m = lidar_x_m
+        # Short of its range: noise there hides echoes of what is just within it.
+        self._no_echo_m = min(parameters.mapping.no_echo_free_m, 0.9 * range_max_m)
+        self._surface = SurfaceMap(
+            extent_m=parameters.extent_m,
+            cell_m=parameters.match.cell_m,
+            same_side=parameters.match.same_side,
+            max_weight=parameters.match.max_weight,
+        )
+        self.mapper = OccupancyMapper(extent_m=parameters.extent_m, parameters=parameters.mapping)
+        self._pose: Array | None = None
+        self._keyframe = np.zeros(3)
+        self._odometry = np.zeros(3)
+        self.points_m = np.zeros((0, 2))
+        """(N, 2) surface points of the last sweep in the robot frame."""
+
+    def update(self, sweep: Sweep) -> None:
+        """Take in one sweep."""
+        p = self.parameters
+        points_m, origins_m = deskew(
+            sweep.ranges_m, self._bearings_rad, sweep.odometry, self._lidar_x_m, self._no_echo_m
+        )
+        hits = np.isfinite(sweep.ranges_m)
+        sigma_m = np.hypot(p.range_sigma_m, p.range_sigma_ratio * np.where(hits, sweep.ranges_m, 0.0))
+        normals = scan_normals(points_m, origins_m, hits, p.match.normal_radius_m)
+        odometry = sweep.odometry[-1]
+        if self._pose is None:
+            # The map's origin is where the sweep began; it ends where odometry has carried the robot.
+            self._pose = relative(sweep.odometry[0], odometry)
+            self._surface.insert(points_m, normals, sigma_m, self._pose)
+            self._keyframe = self._pose
+        else:
+            travelled = relative(self._odometry, odometry)
+            prior = compose(self._pose, travelled)
+            self._pose, _ = match_scan(
+                self._surface, points_m, normals, sigma_m, prior, travelled=travelled, parameters=p.match
+            )
+            moved = relative(self._keyframe, self._pose)
+            if math.hypot(moved[0], moved[1]) > p.keyframe_m or abs(moved[2]) > p.keyframe_rad:
+                self._surface.insert(points_m, normals, sigma_m, self._pose)
+                self._keyframe = self._pose
+        self._odometry = odometry
+        clears = open_space(sweep.ranges_m, p.mapping.no_echo_run)
+        self.mapper.integrate(points_m, origins_m, hits, clears, self._pose)
+        self.points_m = points_m[hits]
+
+    def has_started(self) -> bool:
+        """Whether a sweep has come in."""
+        return self._pose is not None
+
+    def pose(self) -> Array:
+        """(3,) x, y [m] and yaw [rad], unrolled, of the robot in its map at the end of the last sweep."""
+        assert self._pose is not None
+        return self._pose.copy()
+
+    def grid(self) -> OccupancyGrid:
+        """The map so far."""
+        return self.mapper.grid()
+
+
+def compose(a: Array, b: Array) -> Array:
+    """(3,) pose a followed by b, yaw unrolled."""
+    c, s = math.cos(a[2]), math.sin(a[2])
+    return np.array([a[0] + c * b[0] - s * b[1], a[1] + s * b[0] + c * b[1], a[2] + b[2]])
+
+
+def relative(a: Array, b: Array) -> Array:
+    """(3,) pose b as seen from a, yaw unrolled."""
+    c, s = math.cos(a[2]), math.sin(a[2])
+    dx, dy = b[0] - a[0], b[1] - a[1]
+    return np.array([c * dx + s * dy, -s * dx + c * dy, b[2] - a[2]])

@@ -1,0 +1,146 @@
+"""A map of surface elements for scan matching.
+
+Per cell it keeps the mean and normal of the surface points seen there, apart for the two faces of a wall: a
+point belongs only to a surface seen from its own side, or a 0.1 m wall would let a scan lock on to its far
+face. Averaging over many scans makes the surface finer than the lidar's noise.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numba as nb
+import numpy as np
+from numpy.typing import NDArray
+
+from rendezvous.geometry.se2 import Array
+
+# Columns of an element: mean x and y, unit normal, weight, and the length of the mean of its normals.
+X, Y, NX, NY, WEIGHT, LENGTH = range(6)
+
+
+class SurfaceMap:
+    """Surface elements, in linked lists by cell; the map's origin is in the middle.
+
+    Args:
+        extent_m: side of the square that the map can hold.
+        cell_m: side of the cells.
+        same_side: least cosine between the normals of a point and its element.
+        max_weight: weight from which on an element is no longer moved, so that the map cannot creep; one
+            point at a sigma of 1 cm weighs 1.
+
+    Attributes:
+        index: (N, N) int32 first element of each cell, -1 for none.
+        after: (M,) int32 next element of the same cell, -1 for none.
+        elements: (M, 6), see the columns above.
+    """
+
+    def __init__(self, *, extent_m: float, cell_m: float, same_side: float, max_weight: float) -> None:
+        cells = 2 * math.ceil(0.5 * extent_m / cell_m)
+        self.cell_m = cell_m
+        self.same_side = same_side
+        self._max_weight = max_weight
+        self.index = np.full((cells, cells), -1, np.int32)
+        self.after = np.full(4096, -1, np.int32)
+        self.elements = np.zeros((4096, 6))
+        self._count = 0
+
+    def insert(self, points_m: Array, normals: Array, sigma_m: Array, pose: Array) -> None:
+        """Average a scan into the map.
+
+        Args:
+            points_m: (B, 2) in the robot frame.
+            normals: (B, 2) towards the sensor; zero for points that are left out.
+            sigma_m: (B,) standard deviation of each point.
+            pose: (3,) of the robot in the map.
+        """
+        if self._count + len(points_m) > len(self.elements):
+            self.elements = np.concatenate([self.elements, np.zeros_like(self.elements)])
+            self.after = np.concatenate([self.after, np.full_like(self.after, -1)])
+        self._count = _insert(
+            points_m, normals, sigma_m, pose, self.index, self.after, self.elements, self._count,
+            self.cell_m, self.same_side, self._max_weight,
+        )  # fmt: skip
+
+
+@nb.njit(cache=True)
+def _insert(
+    points_m: Array,
+    normals: Array,
+    sigma_m: Array,
+    pose: Array,
+    index: NDArray[np.int32],
+    after: NDArray[np.int32],
+    elements: Array,
+    count: int,
+    cell_m: float,
+    same_side: float,
+    max_weight: float,
+) -> int:
+    """Average the scan's points into their cells' elements; the number of elements after it."""
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    half = index.shape[0] // 2
+    for i in range(points_m.shape[0]):
+        if normals[i, 0] == 0.0 and normals[i, 1] == 0.0:
+            continue
+        x = pose[0] + c * points_m[i, 0] - s * points_m[i, 1]
+        y = pose[1] + s * points_m[i, 0] + c * points_m[i, 1]
+        nx = c * normals[i, 0] - s * normals[i, 1]
+        ny = s * normals[i, 0] + c * normals[i, 1]
+        row, col = math.floor(y / cell_m) + half, math.floor(x / cell_m) + half
+        if not (0 <= row < index.shape[0] and 0 <= col < index.shape[1]):
+            continue
+        k = index[row, col]
+        while k >= 0:
+            e = elements[k]
+            if e[NX] * nx + e[NY] * ny > same_side:
+                break
+            k = after[k]
+        if k < 0:
+            k = count
+            count += 1
+            after[k] = index[row, col]
+            index[row, col] = k
+        e = elements[k]
+        # A weight of 1 is one point at a sigma of 1 cm.
+        w = (0.01 / sigma_m[i]) ** 2
+        if e[WEIGHT] < max_weight:
+            share = w / (e[WEIGHT] + w)
+            e[X] += share * (x - e[X])
+            e[Y] += share * (y - e[Y])
+            mean_x = (1.0 - share) * e[LENGTH] * e[NX] + share * nx
+            mean_y = (1.0 - share) * e[LENGTH] * e[NY] + share * ny
+            e[LENGTH] = math.sqrt(mean_x * mean_x + mean_y * mean_y)
+            e[NX], e[NY] = mean_x / e[LENGTH], mean_y / e[LENGTH]
+            e[WEIGHT] += w
+    return count
+
+
+@nb.njit(cache=True, inline="always")
+def nearest(
+    x: float,
+    y: float,
+    nx: float,
+    ny: float,
+    index: NDArray[np.int32],
+    after: NDArray[np.int32],
+    elements: Array,
+    cell_m: float,
+    gate_m: float,
+    same_side: float,
+) -> int:
+    """The nearest element seen from the same side, -1 for none within the gate."""
+    half = index.shape[0] // 2
+    row, col = math.floor(y / cell_m) + half, math.floor(x / cell_m) + half
+    best, best_d2 = -1, gate_m * gate_m
+    for r in range(max(row - 1, 0), min(row + 2, index.shape[0])):
+        for q in range(max(col - 1, 0), min(col + 2, index.shape[1])):
+            k = index[r, q]
+            while k >= 0:
+                e = elements[k]
+                dx, dy = e[X] - x, e[Y] - y
+                d2 = dx * dx + dy * dy
+                if d2 < best_d2 and e[NX] * nx + e[NY] * ny > same_side:
+                    best, best_d2 = k, d2
+                k = after[k]
+    return best

@@ -1,0 +1,147 @@
+"""The files beside the published tables: the dataset's card and its pictures."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import takewhile
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from rendezvous.engine.run import Run
+from rendezvous.evaluation.dataset.card import dataset_card, overlap_chart
+from rendezvous.evaluation.dataset.sampling import evenly_by, rows_at
+from rendezvous.evaluation.pictures.canvas import encoded_png
+from rendezvous.evaluation.pictures.pairs import contact_sheet
+from rendezvous.evaluation.pictures.poses import pose_sheet
+from rendezvous.schema import POSES
+from rendezvous.stages.dataset.published import pairs_at
+from rendezvous.store.disk import Disk
+from rendezvous.store.read import read_manifest
+from rendezvous.store.records import Manifest, ShardRecord
+
+_PICTURED_PAIRS, _PICTURED_POSES = 3, 12
+_NAMED_FILES = 100
+_ARCHIVE = re.compile(r"(.+?\.(?:tar|tar\.gz|tgz)):")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Contents:
+    """What is published, as far as the card needs it.
+
+    Attributes:
+        sightings: `CARD_COLUMNS` of all pairs, where they lie, and their `split`.
+        views: `VIEW_COLUMNS` of all images of sightings, and where they lie; None if there are none.
+        poses: `POSE_COLUMNS` of all training images, where they lie, and their `split`; None likewise.
+    """
+
+    sightings: pa.Table
+    views: pa.Table | None
+    poses: pa.Table | None
+
+
+def card_files(run: Run, contents: Contents, records: Sequence[ShardRecord]) -> Mapping[str, bytes]:
+    """The dataset's card and its pictures, by name."""
+    made, rendered, manifests = run.read("explore").manifest(), run.read("render").manifest(), _manifests(run)
+    sightings = _with_visibility(contents)
+    text = dataset_card(
+        sightings,
+        contents.poses,
+        counts=made.counts(),
+        left_out=made.quarantined,
+        poses_left_out=rendered.quarantined,
+        parameters=_parameters(manifests) | run.config.pack.parameters(),
+        unknown=[stage for stage, manifest in manifests.items() if manifest is None],
+        versions=made.shards[0].versions,
+        bytes_total=sum(record.bytes for record in records),
+    )
+    files = {
+        "README.md": text.encode(),
+        "pairs.png": _pairs_picture(run, contents),
+        "overlap.png": encoded_png(overlap_chart(sightings)),
+    }
+    return files if contents.poses is None else files | {"poses.png": _poses_picture(run, contents.poses)}
+
+
+def _with_visibility(contents: Contents) -> pa.Table:
+    """The sightings with their images' `visibility`, null where there is none."""
+    sightings, views = contents.sightings, contents.views
+    if views is None:
+        return sightings.append_column("visibility", pa.nulls(sightings.num_rows, pa.float64()))
+    places = pc.index_in(sightings["pair_id"], value_set=views["pair_id"].combine_chunks())
+    return sightings.append_column("visibility", views["visibility"].take(places))
+
+
+def _pairs_picture(run: Run, contents: Contents) -> bytes:
+    sightings = contents.sightings
+    shown = sightings.take(evenly_by(sightings["overlap"].to_numpy(), _PICTURED_PAIRS))
+    rows = pairs_at(run.read("explore"), run.read("render"), sightings=shown, views=contents.views)
+    subtitle = f"{len(rows)} of {sightings.num_rows} pairs, from low to high overlap"
+    return encoded_png(contact_sheet(rows, title="Rendezvous", subtitle=subtitle))
+
+
+def _poses_picture(run: Run, poses: pa.Table) -> bytes:
+    shown = poses.take(evenly_by(poses["visibility"].to_numpy(), _PICTURED_POSES))
+    rows = rows_at(run.read("render"), shown, POSES)
+    subtitle = f"{len(rows)} of {poses.num_rows} training images, from hidden to fully visible"
+    return encoded_png(pose_sheet(rows, title="Poses", subtitle=subtitle))
+
+
+def _manifests(run: Run) -> dict[str, Manifest | None]:
+    """Of the stages before, None where their output is gone."""
+    stages = takewhile(lambda stage: stage != "pack", run.config.stages)
+    return {stage: read_manifest(Disk(run.folder(stage))) for stage in stages}
+
+
+def _parameters(manifests: Mapping[str, Manifest | None]) -> dict[str, Any]:
+    """What the stages were run with, as their shards record it: this run may be set otherwise."""
+    parameters: dict[str, Any] = {}
+    for stage, manifest in manifests.items():
+        if manifest is None:
+            continue
+        if stage == "floorplans":
+            parameters |= _sources(manifest)
+        if stage == "render":
+            parameters |= _tables(manifest)
+        for shard in manifest.shards:
+            parameters |= shard.inputs.parameters
+    # The robot of `render` is that of `explore`, and told there.
+    told_twice = {
+        f"render.{key.removeprefix('explore.')}" for key in parameters if key.startswith("explore.robot.")
+    }
+    return {key: value for key, value in parameters.items() if key not in told_twice}
+
+
+def _sources(floorplans: Manifest) -> dict[str, Any]:
+    """Where the floor plans are from; no shard depends on that as a whole, so none records it.
+
+    Files are told one by one if they are few, else by their folders; an archive is told as one.
+    """
+    # What is generated depends on the seed, what is read does not.
+    inputs = [shard.inputs for shard in floorplans.shards]
+    read = [_file_or_archive(name) for i in inputs if i.seed is None for name in i.items]
+    sources = list(dict.fromkeys(read))
+    if len(sources) > _NAMED_FILES:
+        sources = list(dict.fromkeys(_folder_or_archive(source) for source in sources))
+    generated = sum(len(i.items) for i in inputs if i.seed is not None)
+    return {"floorplans.sources": sources, "floorplans.generate.count": generated}
+
+
+def _tables(render: Manifest) -> dict[str, Any]:
+    """What there is to render; no image depends on it, so a shard of the other table does not record it."""
+    tables = {shard.name.split("/")[0] for shard in render.shards}
+    return {"render.views": "views" in tables} | ({} if "poses" in tables else {"render.poses_per_plan": 0})
+
+
+def _file_or_archive(name: str) -> str:
+    """What has to be named among the sources for this file to be read."""
+    archive = _ARCHIVE.match(name)
+    return archive[1] if archive else name
+
+
+def _folder_or_archive(source: str) -> str:
+    return str(Path(source).parent) if source.endswith(".json") else source

@@ -1,0 +1,99 @@
+"""What a published file holds: the rows of some floor plans, sightings together with their images."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import groupby
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from rendezvous.evaluation.dataset.sampling import rows_at
+from rendezvous.schema import EXPLORE, PAIRS, POSES, SIGHTINGS, VIEWS, TableSchema
+from rendezvous.store.read import Item, StageReader
+from rendezvous.store.records import Shard
+
+_SIGHTING_COLUMNS = tuple(column.name for column in SIGHTINGS)
+_VIEW_COLUMNS = tuple(column.name for column in VIEWS.columns if column.name not in _SIGHTING_COLUMNS)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PackedPlan:
+    """A floor plan's rows of one published table.
+
+    Attributes:
+        item: the rows in the stage that made them.
+        view: what `render` adds to them; None if it adds nothing.
+        rows: how many there are.
+        split: where they go.
+    """
+
+    item: Item
+    view: Item | None = None
+    rows: int
+    split: str
+
+    def digests(self) -> dict[str, str]:
+        """Of all that is read for the plan, by what it is."""
+        view = {f"{self.item.item_id} (render)": self.view.digest} if self.view else {}
+        return {self.item.item_id: self.item.digest} | view
+
+
+def pairs_file(explore: StageReader, render: StageReader, plans: Sequence[PackedPlan]) -> Shard:
+    """The sightings on some floor plans, each with its image, in their order in `explore`."""
+    sightings = _plan_rows(explore, [plan.item for plan in plans], EXPLORE, _SIGHTING_COLUMNS)
+    views = _plan_rows(
+        render, [plan.view for plan in plans if plan.view], VIEWS, ("pair_id", "plan_id", *_VIEW_COLUMNS)
+    )
+    table = with_views(sightings, views)
+    return Shard(table=table, counts={"pairs": table.num_rows})
+
+
+def poses_file(render: StageReader, plans: Sequence[PackedPlan]) -> Shard:
+    """The training images on some floor plans, in their order in `render`."""
+    columns = [column.name for column in POSES.columns]
+    table = _plan_rows(render, [plan.item for plan in plans], POSES, columns).select(columns)
+    table = table.replace_schema_metadata(POSES.arrow().metadata)
+    return Shard(table=table, counts={"poses": table.num_rows})
+
+
+def with_views(sightings: pa.Table, views: pa.Table) -> pa.Table:
+    """Rows of `PAIRS`: sightings with what rows of `VIEWS` add to them, null where there is none."""
+    places = pc.index_in(sightings["pair_id"], value_set=views["pair_id"].combine_chunks())
+    added = views.select(_VIEW_COLUMNS).take(places)
+    for name in _VIEW_COLUMNS:
+        sightings = sightings.append_column(name, added[name])
+    columns = [column.name for column in PAIRS.columns]
+    return sightings.select(columns).replace_schema_metadata(PAIRS.arrow().metadata)
+
+
+def pairs_at(
+    explore: StageReader, render: StageReader, *, sightings: pa.Table, views: pa.Table | None
+) -> list[dict[str, Any]]:
+    """Some whole pairs, as `PAIRS.rows` gives them.
+
+    Args:
+        explore, render: where the rows lie.
+        sightings, views: of `located_columns`: the sightings wanted, and all views if there are any.
+    """
+    by_pair = {}
+    if views is not None:
+        theirs = views.filter(pc.is_in(views["pair_id"], value_set=sightings["pair_id"].combine_chunks()))
+        by_pair = {row["pair_id"]: row for row in rows_at(render, theirs, VIEWS)}
+    unseen = dict.fromkeys(_VIEW_COLUMNS)
+    return [unseen | row | by_pair.get(row["pair_id"], {}) for row in rows_at(explore, sightings, EXPLORE)]
+
+
+def _plan_rows(
+    reader: StageReader, items: Sequence[Item], schema: TableSchema, columns: Sequence[str]
+) -> pa.Table:
+    """Some columns of the rows of some floor plans, one shard in memory at a time."""
+    parts = [schema.arrow().empty_table().select(columns)]
+    for shard, group in groupby(items, key=lambda item: item.shard):
+        table = reader.table(shard, columns=columns).select(columns).combine_chunks()
+        wanted = pa.array([item.item_id for item in group])
+        parts.append(table.filter(pc.is_in(table["plan_id"], value_set=wanted)))
+    # In one piece: of a slice of nested fixed-size lists, pyarrow 26 takes and filters the wrong values.
+    return pa.concat_tables(parts).combine_chunks()

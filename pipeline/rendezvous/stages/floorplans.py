@@ -1,0 +1,225 @@
+"""Read and generate floor plans; keep those that two robots can explore."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import zlib
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import islice
+from typing import Any
+
+from rendezvous.config.sections import FloorplansSection
+from rendezvous.engine.run import Run, Task, part_name
+from rendezvous.errors import FloorplanError
+from rendezvous.floorplan.generate import GeneratorParameters, generate_floorplan
+from rendezvous.floorplan.houseexpo import parse_floorplan
+from rendezvous.floorplan.records import Floorplan
+from rendezvous.floorplan.validate import FloorplanLimits, start_regions, validated
+from rendezvous.interop.houseexpo_files import PlanFile, check_source, count_plan_files, plan_files
+from rendezvous.plan_schema import FLOORPLANS, PLAN_COLUMNS, plan_row
+from rendezvous.seeds import stream
+from rendezvous.store.parquet import Layout
+from rendezvous.store.records import Inputs, Manifest, Quarantined, Shard
+
+VERSION = 1
+LAYOUT = Layout(item_column="plan_id", identity=PLAN_COLUMNS)
+TOLD_QUARANTINED = 10
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Candidate:
+    """A floor plan that may be usable.
+
+    Attributes:
+        name: the file it is in, or the id it is generated under.
+        origin: `houseexpo` or `generated`.
+        digest: of the file's bytes; empty for a generated plan, which parameters and seed determine.
+        load: gives the plan, or raises `FloorplanError`.
+        keys: what no two plans may share: id and geometry.
+        same_as: an earlier, usable candidate that shares one of them.
+    """
+
+    name: str
+    origin: str
+    digest: str
+    load: Callable[[], Floorplan]
+    keys: tuple[str, ...]
+    same_as: str = ""
+
+
+def floorplans(run: Run) -> Manifest:
+    """Write every usable floor plan of the sources, then those that are generated."""
+    section = run.config.floorplans
+    for source in section.sources:
+        check_source(source)
+    tasks = (
+        Task(
+            name=part_name(index),
+            inputs=inputs,
+            make=partial(usable_plans, candidates, section.limits),
+        )
+        for index, (inputs, candidates) in enumerate(_batches(section, run.config.seed))
+    )
+    manifest = run.build("floorplans", tasks, layout=LAYOUT, total=_shard_count(section))
+    _report_acceptance(run, manifest)
+    return manifest
+
+
+def usable_plans(candidates: Iterable[Candidate], limits: FloorplanLimits) -> Shard:
+    """The candidates that are usable, repaired; the others with the reason."""
+    rows, quarantined = [], []
+    for candidate in candidates:
+        try:
+            plan = _usable_plan(candidate, limits)
+        except FloorplanError as error:
+            quarantined.append(Quarantined(item_id=candidate.name, reason=str(error), where=candidate.origin))
+            continue
+        rows.append(
+            {
+                **plan_row(plan),
+                "origin": candidate.origin,
+                "source": candidate.name,
+                "area_m2": plan.free_space().area,
+                "start_regions": len(start_regions(plan)),
+            }
+        )
+    counts = {"candidates": len(rows) + len(quarantined), "plans": len(rows)}
+    return Shard(table=FLOORPLANS.table(rows), counts=counts, quarantined=tuple(quarantined))
+
+
+def _usable_plan(candidate: Candidate, limits: FloorplanLimits) -> Floorplan:
+    if candidate.same_as:
+        raise FloorplanError(f"{candidate.name}: duplicate: same id or geometry as {candidate.same_as}")
+    return validated(candidate.load(), limits=limits)
+
+
+def _batches(section: FloorplansSection, seed: int) -> Iterator[tuple[Inputs, tuple[Candidate, ...]]]:
+    """The candidates of each shard. None mixes sources: a new one leaves those of the others alone."""
+    holders: dict[str, Candidate] = {}
+    judged_by = section.parameters(exclude={"sources", "generate", "plans_per_shard"})
+    drawn_from = section.parameters(exclude={"sources", "generate.count", "plans_per_shard"})
+    read = [(_read_candidates(source), judged_by, None) for source in section.sources]
+    for candidates, parameters, own_seed in [*read, (_generated_candidates(section, seed), drawn_from, seed)]:
+        singled = _marked_duplicates(candidates, holders, section.limits)
+        while batch := tuple(islice(singled, section.plans_per_shard)):
+            items = {candidate.name: candidate.same_as or candidate.digest for candidate in batch}
+            yield Inputs(parameters=parameters, items=items, seed=own_seed, version=VERSION), batch
+
+
+def _read_candidates(source: str) -> Iterator[Candidate]:
+    for file in plan_files(source):
+        yield Candidate(
+            name=file.source,
+            origin="houseexpo",
+            digest=hashlib.sha256(file.content).hexdigest(),
+            load=partial(_parsed, file.source, zlib.compress(file.content, level=1), file.fault),
+            keys=_keys(file),
+        )
+
+
+def _generated_candidates(section: FloorplansSection, seed: int) -> Iterator[Candidate]:
+    for index in range(section.generate.count):
+        plan_id = f"gen-{index:06d}"
+        yield Candidate(
+            name=plan_id,
+            origin="generated",
+            digest="",
+            load=partial(_generated, plan_id, section.generate.plans, seed),
+            keys=(f"id {plan_id}",),
+        )
+
+
+def _generated(plan_id: str, parameters: GeneratorParameters, seed: int) -> Floorplan:
+    rng = stream(seed, "floorplans", plan_id)
+    return generate_floorplan(rng, plan_id=plan_id, parameters=parameters)
+
+
+def _parsed(source: str, compressed: bytes, fault: str) -> Floorplan:
+    """The plan of a file, whose content is held compressed: all candidates are kept to find duplicates."""
+    if fault:
+        raise FloorplanError(f"{source}: {fault}")
+    return parse_floorplan(_json(zlib.decompress(compressed), source), source=source)
+
+
+def _json(content: bytes, source: str) -> Any:
+    try:
+        return json.loads(content)
+    except (ValueError, RecursionError) as error:
+        raise FloorplanError(f"{source}: not JSON ({error}); must be one floor plan") from error
+
+
+def _keys(file: PlanFile) -> tuple[str, ...]:
+    """The plan's id and geometry as the file gives them; none of a file that is faulty in other ways."""
+    try:
+        data = _json(file.content, file.source)
+    except FloorplanError:
+        return ()
+    if not isinstance(data, dict) or "id" not in data or "verts" not in data:
+        return ()
+    rings = json.dumps([data["verts"], data.get("holes", [])])
+    return f"id {data['id']}", f"geometry {hashlib.sha256(rings.encode()).hexdigest()}"
+
+
+def _marked_duplicates(
+    candidates: Iterable[Candidate], holders: dict[str, Candidate], limits: FloorplanLimits
+) -> Iterator[Candidate]:
+    """The candidates, each told apart from the usable ones before it.
+
+    Only a candidate whose key is asked for again is judged here; all others are judged in their shards.
+
+    Args:
+        candidates: in the order in which they have a claim to their keys.
+        holders: the latest candidate that is no known duplicate, by each of its keys; updated in place.
+        limits: what a usable plan keeps to.
+    """
+    verdicts: dict[Candidate, bool] = {}
+    for candidate in candidates:
+        rivals = [holders[key] for key in candidate.keys if key in holders]
+        first = next((rival.name for rival in rivals if _is_usable(rival, limits, verdicts)), "")
+        if not first:
+            holders |= dict.fromkeys(candidate.keys, candidate)
+        yield replace(candidate, same_as=first)
+
+
+def _is_usable(candidate: Candidate, limits: FloorplanLimits, verdicts: dict[Candidate, bool]) -> bool:
+    """Whether a candidate is usable; judged once, kept in `verdicts`."""
+    if candidate not in verdicts:
+        try:
+            validated(candidate.load(), limits=limits)
+        except FloorplanError:
+            verdicts[candidate] = False
+        else:
+            verdicts[candidate] = True
+    return verdicts[candidate]
+
+
+def _shard_count(section: FloorplansSection) -> int | None:
+    counts = [count_plan_files(source) for source in section.sources]
+    known = [count for count in counts if count is not None]
+    if len(known) < len(counts):
+        return None
+    return sum(math.ceil(count / section.plans_per_shard) for count in [*known, section.generate.count])
+
+
+def _report_acceptance(run: Run, manifest: Manifest) -> None:
+    """Say how many plans are usable and why the others are not.
+
+    Raises:
+        FloorplanError: none is.
+    """
+    candidates, plans = manifest.counts().get("candidates", 0), manifest.rows
+    for entry in manifest.quarantined[:TOLD_QUARANTINED]:
+        run.say(f"floorplans: left out {entry.item_id}: {entry.reason}")
+    if len(manifest.quarantined) > TOLD_QUARANTINED:
+        more = len(manifest.quarantined) - TOLD_QUARANTINED
+        run.say(
+            f"floorplans: left out {more} more; all reasons are in {run.folder('floorplans')}/manifest.json"
+        )
+    if not plans:
+        first = f"; the first: {manifest.quarantined[0].reason}" if manifest.quarantined else ""
+        raise FloorplanError(f"none of {candidates} floor plans is usable{first}")
+    run.say(f"floorplans: {plans} of {candidates} plans are usable ({100 * plans / candidates:.1f} %)")

@@ -1,0 +1,109 @@
+"""Take the picture of every sighting, and training images of the robot, with DOPE's labels."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator
+from dataclasses import asdict
+from functools import partial
+from typing import Any
+
+from rendezvous.engine.run import Run, Task, part_name
+from rendezvous.errors import ConfigError, StoreError
+from rendezvous.rendering.opengl.gl import renderer_name
+from rendezvous.rendering.robot_model import check_inside_cuboid, robot_parts
+from rendezvous.robot_file import load_robot, load_robot_model
+from rendezvous.simulation.robot import RobotSpec
+from rendezvous.stages.dataset.photos import photo_folder
+from rendezvous.stages.dataset.pictures import Setting, poses, views
+from rendezvous.store.parquet import Layout
+from rendezvous.store.read import StageReader, chunks
+from rendezvous.store.records import Inputs, Manifest
+
+VERSION = 2
+LAYOUT = Layout(item_column="plan_id", uncompressed=("image",), row_group_rows=256)
+
+
+def render(run: Run) -> Manifest:
+    """Write the pictures of all sightings and the training images.
+
+    Raises:
+        ConfigError: `explore` was run with another robot, the robot has no model, or there are no photos.
+        SetupError: rendering does not work on this machine, and there is something to render.
+    """
+    section, robot = run.config.render, run.config.explore.robot
+    meshes, explore = run.read("meshes"), run.read("explore")
+    spec, model = load_robot(robot), load_robot_model(robot)
+    check_inside_cuboid(robot_parts(model, source=f"model of {robot}"), spec.cuboid, robot=spec.name)
+    _check_same_robot(explore, spec)
+    photos = photo_folder(section.backgrounds)
+    setting = Setting(seed=run.config.seed, robot=robot, section=section, photos=photos)
+    shared = {"render.robot": asdict(spec), "render.robot.model": hashlib.sha256(model).hexdigest()}
+    tasks = [
+        *(_view_tasks(setting, meshes, explore, shared) if section.views else ()),
+        *(_pose_tasks(setting, meshes, shared) if section.poses_per_plan else ()),
+    ]
+    return run.build("render", tasks, layout=LAYOUT, total=len(tasks), prepare=partial(_tell_renderer, run))
+
+
+def _tell_renderer(run: Run) -> None:
+    run.say(f"render: drawing with {renderer_name()}")
+
+
+def _check_same_robot(explore: StageReader, robot: RobotSpec) -> None:
+    wanted = Inputs(parameters={"explore.robot": asdict(robot)}, items={}).parameters
+    for shard in explore.shards():
+        used = shard.inputs.parameters
+        differing = [key for key, value in wanted.items() if used.get(key) != value]
+        if differing:
+            key = differing[0]
+            raise ConfigError(
+                f"{explore.root}/{shard.name} was made with {key} {used.get(key)!r}, "
+                f"now it is {wanted[key]!r}; run `rendezvous explore` with this robot first"
+            )
+
+
+def _view_tasks(
+    setting: Setting, meshes: StageReader, explore: StageReader, shared: dict[str, Any]
+) -> Iterator[Task]:
+    """One for some plans on which robots met."""
+    plans = {item.item_id: item for item in meshes.items()}
+    section = setting.section
+    parameters = {"render.draws.shadow_share", "render.jpeg_quality", "render.texture_variants"}
+    for index, batch in enumerate(chunks(explore.items(), section.plans_per_shard)):
+        if gone := [item.item_id for item in batch if item.item_id not in plans]:
+            raise StoreError(
+                f"{meshes.root}: no plan {gone[0]!r}, on which {explore.root} has sightings; "
+                "run `rendezvous explore` again"
+            )
+        walls = tuple(plans[item.item_id] for item in batch)
+        yield Task(
+            name=f"views/{part_name(index)}",
+            inputs=Inputs(
+                parameters={k: v for k, v in section.parameters().items() if k in parameters} | shared,
+                items={item.item_id: item.digest for item in batch}
+                | {f"{item.item_id} (meshes)": item.digest for item in walls},
+                seed=setting.seed,
+                version=VERSION,
+            ),
+            make=partial(views, setting, meshes, walls, explore, batch),
+        )
+
+
+def _pose_tasks(setting: Setting, meshes: StageReader, shared: dict[str, Any]) -> Iterator[Task]:
+    """One for some plans."""
+    section = setting.section
+    photos = {"render.backgrounds": setting.photos.digest() if setting.photos else None}
+    for index, batch in enumerate(chunks(meshes.items(), section.plans_per_shard)):
+        yield Task(
+            name=f"poses/{part_name(index)}",
+            inputs=Inputs(
+                parameters=section.parameters(exclude={"plans_per_shard", "views", "backgrounds"})
+                | shared
+                | photos,
+                items={item.item_id: item.digest for item in batch},
+                seed=setting.seed,
+                version=VERSION,
+            ),
+            make=partial(poses, setting, meshes, batch),
+        )

@@ -1,0 +1,126 @@
+"""Train the relative-pose network on the published images of the robot, in one process or several."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import safetensors
+import safetensors.torch
+import torch
+from torch import Tensor
+
+from rendezvous.config.sections import TrainPoseSection
+from rendezvous.engine.run import Run
+from rendezvous.errors import ConfigError, StoreError
+from rendezvous.stages.training.calibrate_pose import LEAST_ROWS, calibrate_pose
+from rendezvous.stages.training.train_processes import joined_processes
+from rendezvous.stages.training.train_record import WEIGHTS
+from rendezvous.stages.training.training_run import about_run, begin_in_place, budget_of, fit_and_record, tell
+from rendezvous.store.disk import Disk
+from rendezvous.training.loop import TrainingState
+from rendezvous.training.processes import Processes
+from rendezvous.training.relative_pose.data import PoseTrainingBatches, validation_samples
+from rendezvous.training.relative_pose.model import POSE_MODEL, PoseModel, build_pose_model
+from rendezvous.training.relative_pose.poses import KIND, PoseTable, poses_per_split, read_poses
+from rendezvous.training.relative_pose.validation import PoseValidation
+
+
+def train_pose(run: Run, *, out: Path | None = None, resume: bool = False) -> Path:
+    """Train the network until its budget is spent; fit its confidence to the validation images then.
+
+    Args:
+        run: the `train_pose` section, where the data lies, and how many cores to use.
+        out: folder for checkpoint, weights, curve and TensorBoard's events; `runs/relative-pose` by default.
+        resume: go on from the folder's checkpoint, if there is one.
+
+    Returns:
+        The folder.
+
+    Raises:
+        ConfigError: a setting is wrong, or is not what the checkpoint was begun with.
+        StoreError: the dataset or the checkpoint is missing or damaged, or the folder holds another run.
+    """
+    section, reader = run.config.train_pose, run.read("pack")
+    folder = out or Path(run.config.stages["train_pose"].writes) / POSE_MODEL
+    budget = budget_of(section)
+    with joined_processes() as processes:
+        torch.set_num_threads(max(1, run.workers // processes.on_this_machine))
+        model = _fresh_model(section, seed=run.config.seed)
+        train, validation = (read_poses(reader, split) for split in ("train", "validation"))
+        about = about_run(
+            run,
+            section,
+            {"train": train, "validation": validation},
+            rows=KIND,
+            model=POSE_MODEL,
+            network=model.config(),
+            robot=train.robot().as_dict(),
+            sampling=section.sampling,
+        )
+        state = TrainingState.fresh(model.to(processes.device), section.optimisation)
+        begin_in_place(state, Disk(str(folder)), about, resume=resume)
+        if processes.first:
+            counts = poses_per_split(reader)
+            tell(run, about, section, state, processes, rows=KIND, counts=counts)
+        batches = _batches(run, train, processes)
+        measured = _validation(run, validation, processes)
+        fit_and_record(run, section, state, budget, batches, measured, about, folder, processes)
+    if processes.first:
+        _calibrate(run, len(validation), folder)
+    return folder
+
+
+def _calibrate(run: Run, validation_rows: int, folder: Path) -> None:
+    """Fit the confidence where enough robots are found; a short run need not get there.
+
+    Nor need all images be such as a robot takes: what is trained is kept without a calibration then.
+    """
+    if validation_rows < LEAST_ROWS:
+        run.say(f"calibrate: left out, {validation_rows} validation images; it takes {LEAST_ROWS}")
+        return
+    weights, dataset = folder / WEIGHTS, run.folder("pack")
+    try:
+        calibrate_pose(weights, dataset, seed=run.config.seed, threads=run.workers, console=run.console)
+    except (ConfigError, StoreError) as error:
+        run.say(f"calibrate: left out, {error}")
+
+
+def _fresh_model(section: TrainPoseSection, *, seed: int) -> PoseModel:
+    where = section.initial_features
+    features = None if where is None else _features(where)
+    return build_pose_model(section.settings, seed=seed, initial_features=features, where=where or "")
+
+
+def _features(path: str) -> dict[str, Tensor]:
+    """The tensors of a safetensors file.
+
+    Raises:
+        ConfigError: the file is missing or no such file.
+    """
+    try:
+        return safetensors.torch.load(Disk(str(Path(path).parent)).read(Path(path).name))
+    except (StoreError, OSError, safetensors.SafetensorError) as error:
+        raise ConfigError(
+            f"train_pose.initial_features is {path}: {' '.join(str(error).split())}; must be a safetensors "
+            "file of torchvision's vgg19: features.0.weight, features.0.bias, ..."
+        ) from error
+
+
+def _batches(run: Run, poses: PoseTable, processes: Processes) -> PoseTrainingBatches:
+    section = run.config.train_pose
+    return PoseTrainingBatches(
+        poses,
+        section.sampling,
+        seed=run.config.seed,
+        batch_size=section.optimisation.batch_size,
+        rank=processes.rank,
+        processes=processes.count,
+    )
+
+
+def _validation(run: Run, poses: PoseTable, processes: Processes) -> PoseValidation:
+    section = run.config.train_pose
+    samples = validation_samples(
+        poses, section.sampling, seed=run.config.seed, count=section.validation_images
+    )
+    return PoseValidation(samples=samples, sampling=section.sampling, device=processes.device)

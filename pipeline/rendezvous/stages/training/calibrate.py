@@ -1,0 +1,91 @@
+"""Fit how a trained matcher's posterior is to be read on validation pairs, and keep it with the weights."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+
+from rendezvous.alignment.window import DEFAULT_SEARCH
+from rendezvous.engine.progress import meter
+from rendezvous.errors import ConfigError
+from rendezvous.models.matcher_calibration import MatcherCalibration, Reading, fitted
+from rendezvous.models.matcher_estimator import MatcherEstimator
+from rendezvous.stages.weights.trained_estimators import load
+from rendezvous.store.disk import Disk
+from rendezvous.store.read import StageReader
+from rendezvous.training.checkpoint import read_checkpoint, retold
+from rendezvous.training.frame_error.pairs import PairTable, read_pairs
+from rendezvous.training.frame_error.perturbation import (
+    PerturbationRange,
+    evaluation_perturbation,
+    perturbed_pair,
+)
+
+PAIRS = 400
+"""So many, spread evenly over the validation split, tell a coverage to within three points."""
+_SPLIT = "validation"
+LEAST_PAIRS = 20
+
+
+def calibrate(
+    weights: Path, dataset: str, *, seed: int, threads: int, count: int = PAIRS, console: Console
+) -> MatcherCalibration:
+    """Write a calibration into a matcher's weights; the weights themselves stay.
+
+    Args:
+        weights: as `train` writes them; replaced in one step.
+        dataset: folder that `pack` wrote.
+        seed: of the frame errors.
+        threads: of the processor.
+        count: validation pairs, at most.
+        console: where to tell.
+
+    Raises:
+        StoreError: weights or dataset are missing or damaged.
+        ConfigError: the weights are another model's, or there are too few validation pairs.
+    """
+    disk = Disk(str(weights.parent))
+    found, where = read_checkpoint(disk.read(weights.name), where=str(weights)), str(weights)
+    # As the scores have it, whatever an earlier calibration said.
+    bare = retold(found, calibration=MatcherCalibration().as_dict())
+    estimator = load(bare, "matcher", DEFAULT_SEARCH, where=where, threads=threads).estimator
+    assert isinstance(estimator, MatcherEstimator)
+    pairs = read_pairs(StageReader(dataset, "pack"), _SPLIT)
+    readings = _readings(estimator, pairs, seed, count, console)
+    if len(readings) < LEAST_PAIRS:
+        raise ConfigError(
+            f"{dataset}: {len(readings)} validation pairs show both maps; a calibration needs {LEAST_PAIRS}"
+        )
+    calibration = fitted(readings)
+    told = {"pairs": len(readings), "data": pairs.digest()}
+    disk.write(weights.name, retold(found, calibration=calibration.as_dict(), calibrated_on=told))
+    console.print(_told(calibration, len(readings)), highlight=False)
+    return calibration
+
+
+def _told(calibration: MatcherCalibration, pairs: int) -> str:
+    return (
+        f"calibrate: on {pairs} validation pairs: sharpness {calibration.sharpness:.2f}; covariance times "
+        f"{calibration.scale:.2f}, at least {1e3 * calibration.floor_m:.1f} mm, "
+        f"{np.degrees(calibration.floor_rad):.2f} deg; {calibration.degrees_of_freedom:.1f} degrees of "
+        f"freedom; ambiguous below {calibration.least_mass:.3f}"
+    )
+
+
+def _readings(
+    estimator: MatcherEstimator, pairs: PairTable, seed: int, count: int, console: Console
+) -> list[Reading]:
+    count = min(count, len(pairs))
+    readings = []
+    with meter("calibrate", total=count, console=console, parts="pairs", rows="pairs") as progress:
+        for place in np.linspace(0, len(pairs) - 1, count).round():
+            pair = pairs[int(place)]
+            perturbation = evaluation_perturbation(pair.pair_id, PerturbationRange(), seed=seed)
+            sample = perturbed_pair(pair, perturbation)
+            if sample.window.cells.any(axis=(1, 2)).all():
+                posterior = estimator.posterior(sample.window)
+                readings.append(Reading(posterior=posterior, theta=sample.theta_w))
+            progress.advance(1, made=True)
+    return readings

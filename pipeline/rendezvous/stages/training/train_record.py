@@ -1,0 +1,189 @@
+"""What is written and told while a model is trained."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Generic, Protocol, TypeVar
+
+from rich.console import Console
+from rich.status import Status
+from torch.utils.tensorboard import SummaryWriter
+
+from rendezvous.config.sections import TrainingSection
+from rendezvous.engine.progress import LINE_EVERY_S
+from rendezvous.errors import StoreError
+from rendezvous.pose_estimation.look import Image
+from rendezvous.store.disk import Disk
+from rendezvous.store.records import json_bytes
+from rendezvous.training.checkpoint import checkpoint_bytes, weights_bytes
+from rendezvous.training.loop import Model, Step, TrainingState
+from rendezvous.training.model import TrainableModel
+from rendezvous.training.parameters import Budget
+from rendezvous.training.processes import Processes
+
+CHECKPOINT, WEIGHTS, CURVE = "checkpoint.safetensors", "weights.safetensors", "curve.json"
+"""To go on from; to use; error against training samples."""
+
+_SCALARS_EVERY_STEPS = 10
+
+ModelSeen = TypeVar("ModelSeen", bound=TrainableModel[Any], contravariant=True)
+
+
+class Validation(Protocol[ModelSeen]):
+    """Measures averaged weights on what stays the same."""
+
+    def figures(self, model: ModelSeen) -> Mapping[str, Any]:
+        """What the model's point of the curve tells of them."""
+
+    def pictures(self, model: ModelSeen) -> Mapping[str, Image]:
+        """What TensorBoard shows of them, by name."""
+
+
+class Recorder(Generic[Model]):
+    """Validates, saves and tells, in the first process; the others only train.
+
+    A point of the curve is due whenever another of `validations` equal parts of the budget is spent, a
+    checkpoint with it and every `checkpoint_every_s`.
+    """
+
+    def __init__(
+        self,
+        *,
+        folder: Path,
+        about: Mapping[str, Any],
+        section: TrainingSection,
+        budget: Budget,
+        validation: Validation[Model],
+        processes: Processes,
+        console: Console,
+        resumed_samples: int,
+    ) -> None:
+        self._disk, self._about, self._section = Disk(str(folder)), about, section
+        self._model = about["model"]
+        self._budget, self._validation = budget, validation
+        self._processes, self._console = processes, console
+        self._events: SummaryWriter | None = None
+        if processes.first:
+            # What a killed run told after its last checkpoint is told once more: TensorBoard shall drop it.
+            purge_step = resumed_samples + 1 if resumed_samples else None
+            self._events = _events(folder, purge_step)
+        self._status: Status | None = None
+        self._saved_s = self._told_s = time.monotonic()
+        self._rate_from: tuple[float, int] | None = None
+
+    def __enter__(self) -> Recorder[Model]:
+        if self._processes.first and self._console.is_terminal:
+            self._status = self._console.status(f"train {self._model}")
+            self._status.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._status is not None:
+            self._status.stop()
+        if self._events is not None:
+            self._events.close()
+
+    def after(self, state: TrainingState[Model], step: Step) -> None:
+        """See what is due after a step."""
+        if not self._processes.first:
+            return
+        spent = self._budget.spent(state.samples, state.elapsed_s)
+        self._tell(state, step, spent)
+        if state.step % _SCALARS_EVERY_STEPS == 0:
+            self._write_scalars(state, step)
+        parts = self._section.validations
+        if int(spent * parts) > int(step.spent * parts):
+            self._add_point(state)
+            self._save(state)
+        elif time.monotonic() - self._saved_s >= self._section.checkpoint_every_s:
+            self._save(state)
+
+    def finish(self, state: TrainingState[Model]) -> None:
+        """The last point and the last checkpoint."""
+        if not self._processes.first:
+            return
+        if state.loss_steps:
+            self._add_point(state)
+            self._save(state)
+        self._say(f"{state.step} steps, {state.elapsed_s:.0f} s; {self._disk.shown(WEIGHTS)}")
+
+    def _add_point(self, state: TrainingState[Model]) -> None:
+        point = state.model.point(
+            samples=state.samples,
+            elapsed_s=round(state.elapsed_s, 3),
+            training_loss=state.loss_sum / state.loss_steps,
+            **self._validation.figures(state.average),
+        )
+        state.curve.append(point)
+        state.loss_sum, state.loss_steps = 0.0, 0
+        self._say(point.told())
+        if self._events is not None:
+            for name, value in point.as_dict().items():
+                if value is not None:
+                    self._events.add_scalar(f"curve/{name}", value, state.samples)
+            for name, picture in self._validation.pictures(state.average).items():
+                self._events.add_image(name, picture, state.samples, dataformats="HWC")
+
+    def _save(self, state: TrainingState[Model]) -> None:
+        """Checkpoint last: whoever finds it finds the others no older.
+
+        The weights tell the curve as well: a kill before the next file leaves that one a point behind.
+        """
+        told = {**self._about, "curve": [point.as_dict() for point in state.curve]}
+        self._disk.write(WEIGHTS, weights_bytes(state, told))
+        self._disk.write(CURVE, json_bytes({**told, "samples": state.samples}))
+        self._disk.write(CHECKPOINT, checkpoint_bytes(state, self._about))
+        self._saved_s = time.monotonic()
+
+    def _write_scalars(self, state: TrainingState[Model], step: Step) -> None:
+        assert self._events is not None
+        scalars = {
+            "loss": step.loss,
+            "gradient_norm": step.gradient_norm,
+            "learning_rate": step.learning_rate,
+            **step.figures,
+        }
+        for name, value in scalars.items():
+            self._events.add_scalar(f"train/{name}", value, state.samples)
+
+    def _tell(self, state: TrainingState[Model], step: Step, spent: float) -> None:
+        """How fast it goes and how long it will take, from this process's own steps."""
+        now_s = time.monotonic()
+        if self._rate_from is None:
+            self._rate_from = (state.elapsed_s, state.samples)
+            return
+        due = self._status is not None or now_s - self._told_s >= LINE_EVERY_S
+        if not due or state.elapsed_s <= self._rate_from[0]:
+            return
+        self._told_s = now_s
+        per_s = (state.samples - self._rate_from[1]) / (state.elapsed_s - self._rate_from[0])
+        left_s = state.elapsed_s * max(1.0 - spent, 0.0) / max(spent, 1e-9)
+        line = (
+            f"{state.samples} samples, {per_s:.1f}/s, loss {step.loss:.4g}, "
+            f"{100.0 * min(spent, 1.0):.0f} % done, about {left_s:.0f} s left"
+        )
+        if self._status is not None:
+            self._status.update(f"train {self._model}: {line}")
+        else:
+            self._say(line)
+
+    def _say(self, line: str) -> None:
+        self._console.print(f"train {self._model}: {line}", highlight=False, markup=False, soft_wrap=True)
+
+
+def _events(folder: Path, purge_step: int | None) -> SummaryWriter:
+    """TensorBoard's, in the folder of the run: the first that is written there.
+
+    Raises:
+        StoreError: it is no folder that can be written to.
+    """
+    try:
+        return SummaryWriter(str(folder), purge_step=purge_step)
+    except OSError as error:
+        told = (error.strerror or str(error)).lower()
+        raise StoreError(f"{folder}: {told}; --out must name a folder that can be written to") from error

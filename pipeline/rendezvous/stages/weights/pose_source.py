@@ -1,0 +1,144 @@
+"""Where an estimator of the relative pose comes from: weights that any worker process can load."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+
+from rendezvous.errors import ConfigError, SetupError, StoreError
+from rendezvous.geometry.se2 import Array
+from rendezvous.pose_estimation.relative_pose import ImagePoseEstimator
+from rendezvous.resources import WEIGHTS
+from rendezvous.store.disk import Disk
+
+SHIPPED_POSE_WEIGHTS = WEIGHTS / "relative_pose.safetensors"
+TRAINED_POSE_WEIGHTS = Path("runs/relative-pose/weights.safetensors")
+
+
+class PoseSource(Protocol):
+    """What makes an estimator; small to pickle, and equal if what it makes is equal."""
+
+    @property
+    def digest(self) -> str:
+        """Of the weights."""
+
+    def estimator(self, *, floor: bool) -> ImagePoseEstimator:
+        """The estimator, whose robot stands on the camera's floor or anywhere.
+
+        Raises:
+            PipelineError: it cannot be made.
+        """
+
+    def record(self) -> dict[str, Any]:
+        """What the weights tell of their training.
+
+        Raises:
+            PipelineError: they cannot be read.
+        """
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PoseWeights:
+    """The estimator that `rendezvous train-pose` trained.
+
+    Attributes:
+        path: of its weights.
+        digest: of that file.
+    """
+
+    path: Path
+    digest: str
+
+    @staticmethod
+    def found(path: Path | None) -> PoseWeights:
+        """The weights of a file; by default those in `runs/`, or else the shipped ones.
+
+        Raises:
+            StoreError: there is no such file.
+        """
+        places = (path,) if path else (TRAINED_POSE_WEIGHTS, SHIPPED_POSE_WEIGHTS)
+        there = next((place for place in places if place.is_file()), None)
+        if there is None:
+            shown = " or ".join(str(place) for place in places)
+            raise StoreError(
+                f"{shown}: no weights of the relative-pose estimator; `rendezvous train-pose` "
+                "(`make train-pose`) makes them"
+            )
+        return PoseWeights(path=there, digest=hashlib.sha256(_bytes(there)).hexdigest())
+
+    def estimator(self, *, floor: bool) -> ImagePoseEstimator:
+        """The estimator, with one thread."""
+        return _loaded(self, floor)
+
+    def record(self) -> dict[str, Any]:
+        """What the weights tell of their training."""
+        _require_torch()
+        from rendezvous.training.checkpoint import read_checkpoint
+
+        return dict(read_checkpoint(_bytes(self.path), where=str(self.path)).record)
+
+
+def require_known_robot(
+    record: Mapping[str, Any],
+    size_m: Sequence[float],
+    T_r1_o: Array,
+    *,
+    weights: str,
+    whose: str,
+    instead: str,
+) -> None:
+    """See that weights read the pose of this robot: they know one, by its cuboid.
+
+    Args:
+        record: what the weights tell of their training.
+        size_m: sides of the robot's cuboid.
+        T_r1_o: (4, 4) its pose on the robot.
+        weights, whose, instead: for the message: where the weights are, whose cuboid it is, what else would
+            be right.
+
+    Raises:
+        ConfigError: they know another one.
+    """
+    known = record["robot"]
+    its = known["size_m"], np.reshape(known["T_r1_o"], (4, 4))
+    if not (np.allclose(its[0], size_m) and np.allclose(its[1], T_r1_o)):
+        raise ConfigError(
+            f"{weights}: knows the robot {known['name']!r}, whose cuboid is {_cuboid(*its)}; that of {whose} "
+            f"is {_cuboid(size_m, T_r1_o)}: `rendezvous train-pose` on images of that robot, or {instead}"
+        )
+
+
+def _cuboid(size_m: Sequence[float], T_r1_o: Array) -> str:
+    sides, centre = (sep.join(f"{m:g}" for m in of) for sep, of in ((" x ", size_m), (", ", T_r1_o[:3, 3])))
+    return f"{sides} m around ({centre}) m"
+
+
+@cache
+def _loaded(weights: PoseWeights, floor: bool) -> ImagePoseEstimator:
+    _require_torch()
+    import torch
+
+    from rendezvous.stages.weights.pose_weights import load_relative_pose
+
+    torch.set_num_threads(1)
+    return replace(load_relative_pose(_bytes(weights.path), where=str(weights.path)), floor=floor)
+
+
+def _require_torch() -> None:
+    try:
+        import torch  # noqa: F401 - whether it is there
+    except ModuleNotFoundError as error:
+        raise SetupError(
+            f"the relative-pose estimator needs {error.name}, which is not installed; "
+            "`pip install 'rendezvous-fusion[learn]'` installs it"
+        ) from error
+
+
+def _bytes(path: Path) -> bytes:
+    return Disk(str(path.parent)).read(path.name)

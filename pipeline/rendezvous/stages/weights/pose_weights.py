@@ -1,0 +1,54 @@
+"""Weights of the relative-pose network as an estimator."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+
+from rendezvous.errors import ConfigError
+from rendezvous.models.relative_pose import RelativePoseConfig, RelativePoseNet
+from rendezvous.models.relative_pose_estimator import CloseLook, RelativePoseEstimator
+from rendezvous.pose_estimation.pose_calibration import PoseCalibration
+from rendezvous.pose_estimation.sighting import SeenRobot
+from rendezvous.training.checkpoint import fit_weights_in_place, read_checkpoint
+from rendezvous.training.relative_pose.model import POSE_MODEL, PoseModel
+
+
+def load_relative_pose(data: bytes, *, where: str) -> RelativePoseEstimator:
+    """The estimator from the bytes of its weights.
+
+    Args:
+        data: as `train-pose` writes them.
+        where: for messages.
+
+    Raises:
+        StoreError: the file is damaged.
+        ConfigError: the weights are another model's, or their record lacks something.
+    """
+    found = read_checkpoint(data, where=where)
+    record = found.record
+    if record.get("model") != POSE_MODEL:
+        raise ConfigError(f"{where}: weights of {record.get('model')!r}; must be those of {POSE_MODEL!r}")
+    try:
+        network = RelativePoseConfig.from_dict(record["network"])
+        sampling, robot = record["sampling"], record["robot"]
+        look = CloseLook(
+            input_px=int(sampling["input_px"]),
+            span_px=float(sampling["close_span_px"]),
+            sigma_cells=float(sampling["belief_sigma_cells"]),
+        )
+        x_m, y_m, z_m = (float(side) for side in robot["size_m"])
+        T_r1_o = np.array(robot["T_r1_o"], np.float64).reshape(4, 4)
+    except (KeyError, TypeError, ValueError) as error:
+        raise ConfigError(
+            f"{where}: its record of the training has a wrong or missing entry ({error}); train anew"
+        ) from error
+    model = PoseModel(RelativePoseNet(network))
+    fit_weights_in_place(model, found.under("average.") or found.tensors, where=where)
+    device = "cuda" if torch.cuda.is_available() else "cpu"
+    return RelativePoseEstimator(
+        network=model.network.to(device).eval(),
+        robot=SeenRobot(size_m=(x_m, y_m, z_m), T_r1_o=T_r1_o),
+        close=look,
+        calibration=PoseCalibration.from_dict(record.get("calibration", PoseCalibration().as_dict())),
+    )

@@ -1,0 +1,38 @@
+"""Where measured figures come from: the code, the packages and the machine."""
+
+from __future__ import annotations
+
+import os
+import platform
+import subprocess
+from collections.abc import Iterable
+from importlib import metadata
+from pathlib import Path
+
+from rendezvous.resources import ROOT
+
+
+def commit() -> str:
+    """Of the code, if it is in a git checkout; marked if files differ from it."""
+    git = ["git", "-C", str(ROOT), "describe", "--always", "--abbrev=40", "--exclude=*", "--dirty=+changes"]
+    try:
+        return subprocess.run(git, capture_output=True, text=True, check=True).stdout.strip()
+    except (OSError, subprocess.CalledProcessError):
+        return ""
+
+
+def hardware() -> str:
+    """E.g. `2 cores of Intel(R) Xeon(R) CPU @ 2.20GHz`."""
+    cores, model = len(os.sched_getaffinity(0)), platform.processor() or platform.machine()
+    info = Path("/proc/cpuinfo")
+    if info.is_file():
+        lines = info.read_text(encoding="utf-8").splitlines()
+        model = next(
+            (line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")), model
+        )
+    return f"{cores} cores of {model}"
+
+
+def versions(packages: Iterable[str]) -> dict[str, str]:
+    """Of installed packages, by name."""
+    return {name: metadata.version(name) for name in packages}

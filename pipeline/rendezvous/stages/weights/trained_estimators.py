@@ -1,0 +1,144 @@
+"""Trained networks as estimators of the frame error."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import torch
+from pydantic import TypeAdapter, ValidationError
+
+from rendezvous.alignment.estimate import Estimate, FrameErrorEstimator
+from rendezvous.alignment.window import WINDOW_CELL_M, WINDOW_CELLS, MapWindow, SearchRange
+from rendezvous.errors import ConfigError
+from rendezvous.evaluation.frame_error.table_one import model_of
+from rendezvous.geometry.se2 import SE2, Array
+from rendezvous.models.attention import attention_rollout
+from rendezvous.models.frame_error import FrameErrorViT, input_grid
+from rendezvous.models.matcher_calibration import MatcherCalibration
+from rendezvous.models.matcher_estimator import MatcherEstimator
+from rendezvous.models.refined_posterior import RefinedPosterior
+from rendezvous.training.checkpoint import fit_weights_in_place, read_checkpoint
+from rendezvous.training.frame_error.registry import DEFAULT_MODEL, MatcherModel, PaperModel, rebuilt_model
+from rendezvous.training.model import FrameErrorModel
+from rendezvous.training.parameters import Sampling
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Trained:
+    """A trained method.
+
+    Attributes:
+        estimator: window in, frame error out.
+        record: what its weights' file tells of its training.
+        attention: (P, P) what it looks at in a window; None for a network without attention.
+    """
+
+    estimator: FrameErrorEstimator
+    record: Mapping[str, Any]
+    attention: Callable[[MapWindow], Array] | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NetworkEstimator:
+    """A network that gives the frame error and nothing else."""
+
+    name: str
+    model: FrameErrorModel
+
+    @torch.inference_mode()
+    def __call__(self, window: MapWindow) -> Estimate:
+        """The frame error that the network sees."""
+        device = next(self.model.parameters()).device
+        sight = np.zeros_like(window.cells) if window.sight is None else window.sight
+        layers = (torch.from_numpy(layer)[None].to(device) for layer in (window.cells, sight))
+        theta = self.model.theta(*layers)[0]
+        return Estimate(theta=SE2.from_array(theta.double().cpu().tolist()).wrapped())
+
+
+@dataclass(frozen=True, kw_only=True)
+class RememberingMatcher(MatcherEstimator):
+    """Keeps the posterior of the last window, so that its density is had without a second look."""
+
+    last: dict[str, Any] = field(default_factory=dict, repr=False)
+
+    def posterior(self, window: MapWindow) -> RefinedPosterior:
+        """The posterior of θ over the search."""
+        if self.last.get("window") is not window:
+            self.last.update(window=window, posterior=MatcherEstimator.posterior(self, window))
+        found: RefinedPosterior = self.last["posterior"]
+        return found
+
+
+def load(data: bytes, name: str, search: SearchRange, *, where: str, threads: int) -> Trained:
+    """A trained method from the bytes of its weights.
+
+    Args:
+        data: as `train` writes them.
+        name: of the method; the weights should be of its model.
+        search: where to look, for a model that searches.
+        where: for messages.
+        threads: of the processor that the network may use.
+
+    Raises:
+        StoreError: the file is damaged.
+        ConfigError: the weights are another model's, or were trained on another window.
+    """
+    found = read_checkpoint(data, where=where)
+    record = found.record
+    kind = model_of(name)
+    if record.get("model") != kind:
+        raise ConfigError(f"{where}: weights of {record.get('model')!r}; must be those of {kind!r}")
+    torch.set_num_threads(threads)
+    try:
+        sampling = TypeAdapter(Sampling).validate_python(record["sampling"])
+    except ValidationError as error:
+        told = error.errors()[0]
+        place = ".".join(str(key) for key in told["loc"])
+        raise ConfigError(f"{where}: sampling.{place}: {told['msg']}; train anew") from error
+    _require_same_window(kind, sampling, where=where)
+    model = rebuilt_model(kind, record["network"], sampling)
+    fit_weights_in_place(model, found.under("average.") or found.tensors, where=where)
+    model = model.to("cuda" if torch.cuda.is_available() else "cpu").eval()
+    if isinstance(model, MatcherModel):
+        estimator = RememberingMatcher(
+            model=model.network,
+            search=search,
+            uses_sight=name != "matcher-maps",
+            calibration=MatcherCalibration.from_dict(
+                record.get("calibration", MatcherCalibration().as_dict())
+            ),
+        )
+        return Trained(estimator=estimator, record=record, attention=None)
+    assert isinstance(model, PaperModel)
+    network = model.network
+    return Trained(
+        estimator=NetworkEstimator(name=name, model=model),
+        record=record,
+        attention=_attention(network) if isinstance(network, FrameErrorViT) else None,
+    )
+
+
+def _require_same_window(kind: str, sampling: Sampling, *, where: str) -> None:
+    """A model of the paper would see another window at a wrong scale; the matcher minds only the cells."""
+    same_cells = math.isclose(sampling.window_cell_m, WINDOW_CELL_M)
+    if same_cells and (kind == DEFAULT_MODEL or sampling.window_cells == WINDOW_CELLS):
+        return
+    raise ConfigError(
+        f"{where}: trained on windows of {sampling.window_cells} cells of {sampling.window_cell_m:g} m; "
+        f"must be {WINDOW_CELLS} of {WINDOW_CELL_M:g} m, which are measured: train anew"
+    )
+
+
+def _attention(network: FrameErrorViT) -> Callable[[MapWindow], Array]:
+    @torch.inference_mode()
+    def looked_at(window: MapWindow) -> Array:
+        cells = torch.from_numpy(window.cells)[None].to(next(network.parameters()).device)
+        _, attention_BLhTT = network.with_attention(input_grid(cells, cells=network.config.cells))
+        places: Array = attention_rollout(attention_BLhTT)[0].double().cpu().numpy()
+        return places
+
+    return looked_at

@@ -1,0 +1,64 @@
+"""Find what is damaged, missing or unlisted in finished folders."""
+
+from __future__ import annotations
+
+from pathlib import PurePosixPath
+
+from rendezvous.errors import StoreError
+from rendezvous.store.disk import Disk
+from rendezvous.store.read import read_manifest, read_record
+from rendezvous.store.records import MANIFEST, RECORD_FOLDER, Manifest
+from rendezvous.store.write import damage, listed_names
+
+
+def stage_folders(root: str) -> list[str]:
+    """The folders at or below `root` into which a stage wrote.
+
+    Raises:
+        StoreError: there are none.
+    """
+    tops = set()
+    for name in Disk(root).names():
+        parts = PurePosixPath(name).parts
+        if RECORD_FOLDER in parts:
+            tops.add("/".join(parts[: parts.index(RECORD_FOLDER)]))
+        elif parts[-1] == MANIFEST:
+            tops.add("/".join(parts[:-1]))
+    if not tops:
+        raise StoreError(f"{root}: no stage's output here; `rendezvous dataset` makes some")
+    return sorted(f"{root.rstrip('/')}/{top}" if top else root for top in tops)
+
+
+def verify(root: str) -> list[str]:
+    """What is wrong with one stage's folder, a line each; empty if it is sound."""
+    disk = Disk(root)
+    try:
+        manifest = read_manifest(disk)
+    except StoreError as error:
+        return [str(error)]
+    if manifest is None:
+        return [f"{disk.shown(MANIFEST)}: missing, so the stage has not finished; run it again to resume"]
+    return _damaged(disk, manifest) + _misrecorded(disk, manifest) + _unlisted(disk, manifest)
+
+
+def _damaged(disk: Disk, manifest: Manifest) -> list[str]:
+    shards = [(shard.name, shard.bytes, shard.sha256) for shard in manifest.shards]
+    files = [(file.name, file.bytes, file.sha256) for file in manifest.files]
+    faults = [(name, damage(disk, name, size_bytes, sha256)) for name, size_bytes, sha256 in shards + files]
+    return [f"{disk.shown(name)}: {fault}" for name, fault in faults if fault]
+
+
+def _misrecorded(disk: Disk, manifest: Manifest) -> list[str]:
+    return [
+        f"{disk.shown(shard.record_name(shard.name))}: missing or differs from {MANIFEST}"
+        for shard in manifest.shards
+        if read_record(disk, shard.name) != shard
+    ]
+
+
+def _unlisted(disk: Disk, manifest: Manifest) -> list[str]:
+    return [
+        f"{disk.shown(name)}: not listed in {MANIFEST}"
+        for name in disk.names()
+        if name not in listed_names(manifest)
+    ]

@@ -1,0 +1,255 @@
+"""Write a stage's output: keep what is finished, make again what is stale, publish the manifest last."""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import hashlib
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from importlib import metadata
+
+from rendezvous.errors import StoreError
+from rendezvous.store.digest import content_digest, item_digests
+from rendezvous.store.disk import TEMPORARY_PATTERN, Disk
+from rendezvous.store.parquet import Layout, parquet_bytes
+from rendezvous.store.read import read_manifest, read_record
+from rendezvous.store.records import (
+    MANIFEST,
+    RECORD_FOLDER,
+    FileRecord,
+    Inputs,
+    Manifest,
+    Shard,
+    ShardRecord,
+    json_bytes,
+)
+
+LOCK = ".lock"
+NOT_MADE_YET = "not made yet"
+# What can change a byte of the data; recorded with every shard.
+RECORDED_PACKAGES = (
+    "rendezvous-fusion",
+    "mujoco",
+    "numba",
+    "numpy",
+    "opencv-python-headless",
+    "pyarrow",
+    "shapely",
+    "trimesh",
+)
+
+
+@dataclass(slots=True)
+class StageWriter:
+    """Writes one stage's folder: the run's own process plans and finishes, workers write shards.
+
+    Attributes:
+        root: the stage's folder, a local path or a URI.
+        stage: the stage's name.
+        layout: how its tables lie in Parquet.
+    """
+
+    root: str
+    stage: str
+    layout: Layout = field(default_factory=Layout)
+    _by_fingerprint: dict[str, str] = field(default_factory=dict, repr=False)
+    _claimed: set[str] = field(default_factory=set, repr=False)
+    _published: set[str] = field(default_factory=set, repr=False)
+
+    def for_worker(self) -> StageWriter:
+        """As small as can be sent to a worker."""
+        return StageWriter(self.root, self.stage, self.layout)
+
+    @property
+    def disk(self) -> Disk:
+        return Disk(self.root)
+
+    @contextlib.contextmanager
+    def locked(self) -> Iterator[None]:
+        """Keep other runs out of the folder, and clear away what a killed run left half written.
+
+        Raises:
+            StoreError: another run is writing here.
+        """
+        with self._lock():
+            self._remove_temporaries()
+            self._index()
+            try:
+                yield
+            finally:
+                self._remove_temporaries()
+
+    @contextlib.contextmanager
+    def _lock(self) -> Iterator[None]:
+        disk = self.disk
+        if disk.is_uri:  # object storage knows no locks
+            yield
+            return
+        try:
+            os.makedirs(disk.path(), exist_ok=True)
+            lock = open(disk.path(LOCK), "w")  # noqa: SIM115 - closed below, where the lock ends
+        except OSError as error:
+            raise StoreError(f"{disk.shown()}: cannot be written ({error.strerror})") from error
+        with lock:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError as error:
+                raise StoreError(f"{disk.shown()}: another run is writing here; wait or stop it") from error
+            yield
+
+    def _remove_temporaries(self) -> None:
+        for name in self.disk.names():
+            if TEMPORARY_PATTERN.fullmatch(name):
+                self.disk.remove(name)
+
+    def _index(self) -> None:
+        with contextlib.suppress(StoreError):  # a damaged manifest says nothing; the records do
+            manifest = read_manifest(self.disk)
+            self._published = listed_names(manifest) if manifest is not None else set()
+        for name in _recorded_names(self.disk.names()):
+            record = read_record(self.disk, name)
+            # A run that was killed leaves the record of a shard that it did not come to write.
+            if record is not None and self.disk.size(name) == record.bytes:
+                self._by_fingerprint[record.inputs.fingerprint()] = name
+
+    def finished(self, name: str, inputs: Inputs) -> ShardRecord | None:
+        """The shard of these inputs, if it was made before; one with another number is renamed."""
+        self._claimed.add(name)
+        record = self._sound_record(name, inputs)
+        if record is not None:
+            return record
+        other_name = self._by_fingerprint.get(inputs.fingerprint(), name)
+        if other_name in self._claimed:
+            return None
+        record = self._sound_record(other_name, inputs)
+        return None if record is None else self._renamed(record, name)
+
+    def _sound_record(self, name: str, inputs: Inputs) -> ShardRecord | None:
+        record = read_record(self.disk, name)
+        if record is None or record.inputs.fingerprint() != inputs.fingerprint() or self._damage(record):
+            return None
+        return record
+
+    def reason_to_make(self, name: str, inputs: Inputs) -> str:
+        """Why a shard that is not finished has to be made, in words."""
+        record = read_record(self.disk, name)
+        if record is None:
+            return NOT_MADE_YET if self.disk.size(name) is None else "no record that it was finished"
+        changes = inputs.changes_since(record.inputs)
+        return _summarised(changes) if changes else self._damage(record) or NOT_MADE_YET
+
+    def make_room(self, name: str, inputs: Inputs) -> None:
+        """Before a shard is made: withdraw the manifest, and set a shard of other items aside.
+
+        Items that moved on by one shard, as a new floor plan before them makes them do, are found again
+        by `finished` under their new number.
+        """
+        self._unpublish()
+        record = read_record(self.disk, name)
+        if record is not None and record.inputs.differs_in_items_only(inputs) and not self._damage(record):
+            self._renamed(record, f"{RECORD_FOLDER}/aside-{record.inputs.fingerprint()[:16]}.parquet")
+
+    def _damage(self, record: ShardRecord) -> str | None:
+        return damage(self.disk, record.name, record.bytes, record.sha256)
+
+    def _renamed(self, record: ShardRecord, name: str) -> ShardRecord:
+        self.make_room(name, record.inputs)
+        renamed = ShardRecord.from_json({**record.to_json(), "name": name})
+        self.disk.write(ShardRecord.record_name(name), json_bytes(renamed.to_json()))
+        self.disk.move(record.name, name)
+        self.disk.remove(ShardRecord.record_name(record.name))
+        self._by_fingerprint[record.inputs.fingerprint()] = name
+        return renamed
+
+    def _unpublish(self) -> None:
+        if self.disk.size(MANIFEST) is not None:
+            self.disk.remove(MANIFEST)
+
+    def write(self, name: str, inputs: Inputs, shard: Shard) -> ShardRecord:
+        """Write the record of one shard, then the shard, which is finished when it is as recorded.
+
+        In this order no shard ever lies there unrecorded: a later run can tell it from a stranger's file.
+        """
+        table, layout = shard.table, self.layout
+        data = parquet_bytes(table, layout)
+        record = ShardRecord(
+            name=name,
+            bytes=data.size,
+            sha256=hashlib.sha256(data).hexdigest(),
+            content_digest=content_digest(table),
+            rows=table.num_rows,
+            counts=dict(shard.counts),
+            quarantined=shard.quarantined,
+            items=(
+                item_digests(table, layout.item_column, columns=layout.identity) if layout.item_column else {}
+            ),
+            inputs=inputs,
+            versions={package: metadata.version(package) for package in RECORDED_PACKAGES},
+        )
+        self.disk.write(ShardRecord.record_name(name), json_bytes(record.to_json()))
+        self.disk.write(name, data)
+        return record
+
+    def finish(self, records: Sequence[ShardRecord], files: Mapping[str, bytes]) -> Manifest:
+        """Write the files beside the shards, remove our own that are stale, and publish the manifest."""
+        manifest = Manifest(
+            stage=self.stage,
+            shards=tuple(records),
+            files=tuple(
+                FileRecord(name=name, bytes=len(data), sha256=hashlib.sha256(data).hexdigest())
+                for name, data in files.items()
+            ),
+        )
+        published = json_bytes(manifest.to_json())
+        if self.disk.size(MANIFEST) is None or self.disk.read(MANIFEST) != published:
+            self._unpublish()
+        self._remove_stale(listed_names(manifest))
+        for file in manifest.files:
+            if damage(self.disk, file.name, file.bytes, file.sha256):
+                self.disk.write(file.name, files[file.name])
+        if self.disk.size(MANIFEST) is None:
+            self.disk.write(MANIFEST, published)
+        return manifest
+
+    def _remove_stale(self, wanted: set[str]) -> None:
+        """Remove what earlier runs listed and this one does not; whatever else lies here is not ours."""
+        names = self.disk.names()
+        shards = _recorded_names(names)
+        records = [ShardRecord.record_name(name) for name in shards]
+        # A shard goes before its record, so that one left behind by a killed run is still known.
+        for name in dict.fromkeys([*sorted(self._published - {*records}), *shards, *records]):
+            if name in names and name not in wanted:
+                self.disk.remove(name)
+
+
+def listed_names(manifest: Manifest) -> set[str]:
+    """All files that a finished folder holds."""
+    shards = [shard.name for shard in manifest.shards]
+    records = [ShardRecord.record_name(name) for name in shards]
+    return {MANIFEST, LOCK, *shards, *records, *(file.name for file in manifest.files)}
+
+
+def _recorded_names(names: Sequence[str]) -> list[str]:
+    """The shards that records are about, of the names of all files in a folder."""
+    head, tail = f"{RECORD_FOLDER}/", ".json"
+    records = [name for name in names if name.startswith(head) and name.endswith(f".parquet{tail}")]
+    return [name.removeprefix(head).removesuffix(tail) for name in records]
+
+
+def damage(disk: Disk, name: str, size_bytes: int, sha256: str) -> str | None:
+    """What is wrong with a file, in words; None if it is what was written."""
+    size = disk.size(name)
+    if size is None:
+        return "file missing"
+    if size != size_bytes:
+        verb = "truncated" if size < size_bytes else "grown"
+        return f"file {verb}: {size} bytes, should be {size_bytes}"
+    found = disk.sha256(name)
+    return None if found == sha256 else f"file altered: sha256 {found[:12]}…, should be {sha256[:12]}…"
+
+
+def _summarised(changes: Sequence[str], *, most: int = 3) -> str:
+    more = f" and {len(changes) - most} more" if len(changes) > most else ""
+    return "; ".join(changes[:most]) + more

@@ -1,0 +1,141 @@
+"""Checkpoints and published weights as bytes: safetensors, with all that is no tensor as JSON in the header.
+
+One file holds it all, so that no kill can leave weights beside another step's record.
+"""
+
+from __future__ import annotations
+
+import json
+import struct
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import safetensors
+import safetensors.torch
+from torch import Tensor, nn
+
+from rendezvous.errors import ConfigError, StoreError
+from rendezvous.training.loop import TrainingState
+
+_FORMAT = 2
+_RECORD = "rendezvous"
+_PROGRESS = ("step", "samples", "elapsed_s", "loss_sum", "loss_steps")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Checkpoint:
+    """What a file holds.
+
+    Attributes:
+        record: what was trained on what, and how far; values as JSON holds them.
+        tensors: by name; `model.`, `average.` and `optimizer.` lead in a checkpoint, none in weights.
+    """
+
+    record: dict[str, Any]
+    tensors: dict[str, Tensor]
+
+    def under(self, prefix: str) -> dict[str, Tensor]:
+        """The tensors whose names begin so, by the rest of the name."""
+        return {k.removeprefix(prefix): v for k, v in self.tensors.items() if k.startswith(prefix)}
+
+
+def checkpoint_bytes(state: TrainingState[Any], about: Mapping[str, Any]) -> bytes:
+    """All of a run's state.
+
+    Args:
+        state: between two steps.
+        about: what it trains on what.
+    """
+    moments = {
+        f"optimizer.{index}.{name}": value
+        for index, values in state.optimizer.state_dict()["state"].items()
+        for name, value in values.items()
+    }
+    tensors = _named("model.", state.model) | _named("average.", state.average) | moments
+    progress = {name: getattr(state, name) for name in _PROGRESS}
+    return _bytes(tensors, {**about, **progress, "curve": [point.as_dict() for point in state.curve]})
+
+
+def weights_bytes(state: TrainingState[Any], about: Mapping[str, Any]) -> bytes:
+    """The averaged weights alone, for use."""
+    return _bytes(_named("", state.average), {**about, "step": state.step, "samples": state.samples})
+
+
+def read_checkpoint(data: bytes, *, where: str) -> Checkpoint:
+    """Inverse of `checkpoint_bytes` and `weights_bytes`.
+
+    Raises:
+        StoreError: the file is truncated, or was not written by these.
+    """
+    try:
+        tensors = safetensors.torch.load(data)
+        (length,) = struct.unpack("<Q", data[:8])
+        record = json.loads(json.loads(data[8 : 8 + length])["__metadata__"][_RECORD])
+    except (safetensors.SafetensorError, KeyError, ValueError, struct.error) as error:
+        raise StoreError(
+            f"{where}: {len(data)} bytes that are no whole checkpoint ({' '.join(str(error).split())}); "
+            "it may have been cut off while it was copied: copy it again, or train anew"
+        ) from error
+    if record.get("format") != _FORMAT:
+        raise StoreError(
+            f"{where}: of format {record.get('format')}; must be {_FORMAT}: train anew, in another folder or "
+            "after this one is deleted"
+        )
+    return Checkpoint(record=record, tensors=tensors)
+
+
+def retold(checkpoint: Checkpoint, **told: Any) -> bytes:
+    """The same file with more in its record."""
+    return _bytes(checkpoint.tensors, {**checkpoint.record, **told})
+
+
+def restore_in_place(state: TrainingState[Any], checkpoint: Checkpoint, *, where: str) -> None:
+    """Bring a fresh state to where a checkpoint was taken.
+
+    Raises:
+        ConfigError: the weights do not fit the model.
+    """
+    fit_weights_in_place(state.model, checkpoint.under("model."), where=where)
+    fit_weights_in_place(state.average, checkpoint.under("average."), where=where)
+    moments: dict[int, dict[str, Tensor]] = {}
+    for key, value in checkpoint.under("optimizer.").items():
+        index, name = key.split(".", 1)
+        moments.setdefault(int(index), {})[name] = value
+    groups = state.optimizer.state_dict()["param_groups"]
+    state.optimizer.load_state_dict({"state": moments, "param_groups": groups})
+    for name in _PROGRESS:
+        setattr(state, name, checkpoint.record[name])
+    state.curve = [state.model.point(**point) for point in checkpoint.record["curve"]]
+
+
+def fit_weights_in_place(model: nn.Module, weights: Mapping[str, Tensor], *, where: str) -> None:
+    """Give a model its weights.
+
+    Raises:
+        ConfigError: they are another model's; names the first that does not fit.
+    """
+    wanted = model.state_dict()
+    for name in sorted({*wanted, *weights}):
+        have = tuple(weights[name].shape) if name in weights else None
+        right = tuple(wanted[name].shape) if name in wanted else None
+        if have != right:
+            raise ConfigError(
+                f"{where}: its weights do not fit the model as configured: {name} is {_shown(have)}; "
+                f"must be {_shown(right)}"
+            )
+    model.load_state_dict(dict(weights))
+
+
+def _shown(shape: tuple[int, ...] | None) -> str:
+    return "absent" if shape is None else f"of shape {shape}"
+
+
+def _named(prefix: str, model: nn.Module) -> dict[str, Tensor]:
+    return {prefix + name: value for name, value in model.state_dict().items()}
+
+
+def _bytes(tensors: Mapping[str, Tensor], record: Mapping[str, Any]) -> bytes:
+    own = {name: value.detach().to("cpu", copy=True).contiguous() for name, value in tensors.items()}
+    text = json.dumps({"format": _FORMAT, **record}, allow_nan=False)
+    return safetensors.torch.save(own, metadata={_RECORD: text})

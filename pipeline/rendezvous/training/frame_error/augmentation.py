@@ -1,0 +1,131 @@
+"""Make the maps of a pair look like those that robots bring home.
+
+Simulated maps are clean. Real ones are built of few scans, so that rays leave streaks and wedges; beams pass
+through doors and windows far into the unknown; walls are ragged, thick or missing; things stand in one map
+that had gone before the other; each map is bent a little by its SLAM, and has a resolution of its own. Each
+defect is drawn for each map by itself, except furniture and cuts, which concern both. The label stays.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from rendezvous.errors import ConfigError, require_within
+from rendezvous.geometry.occupancy_grid import OccupancyGrid
+from rendezvous.geometry.se2 import SE2
+from rendezvous.training.frame_error.clutter import draw_things, with_things
+from rendezvous.training.frame_error.defects import (
+    bent,
+    beyond_line_unknown,
+    patched,
+    ragged,
+    specked,
+    thickened,
+)
+from rendezvous.training.frame_error.pairs import MapPair
+from rendezvous.training.frame_error.rays import rescanned, with_spurious_rays
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Augmentation:
+    """How often each defect befalls a pair (furniture, cut) or a map (all others), and how bad it can be.
+
+    Attributes:
+        untouched: share of pairs that stay as they are; the shares below are of the others.
+        furniture: things appear in both maps, some in one only.
+        furniture_things: at most so many.
+        cut: map 0 ends at a line, map 1 at a parallel one, so that little overlap is left.
+        cut_overlap_m: least and greatest width of the strip that both keep.
+        bend: the map is bent by smooth waves.
+        bend_m: their greatest amplitude.
+        resolution: the map comes in cells of another size.
+        resolution_m: least and greatest size.
+        rescan: the map is built again of the rays of few scans.
+        spurious: fans of rays pass through walls.
+        thick: walls grow by one cell to all sides.
+        ragged: wall cells are missing, others grown.
+        patches: patches and wedges are unknown.
+        specks: single cells are unknown, or occupied, amid the free.
+    """
+
+    untouched: float = 0.15
+    furniture: float = 0.4
+    furniture_things: int = 12
+    cut: float = 0.3
+    cut_overlap_m: tuple[float, float] = (1.0, 6.0)
+    bend: float = 0.5
+    bend_m: float = 0.03
+    resolution: float = 0.3
+    resolution_m: tuple[float, float] = (0.03, 0.1)
+    rescan: float = 0.4
+    spurious: float = 0.3
+    thick: float = 0.2
+    ragged: float = 0.5
+    patches: float = 0.3
+    specks: float = 0.3
+
+    def __post_init__(self) -> None:
+        shares = ("untouched", "furniture", "cut", "bend", "resolution", "rescan", "spurious", "thick")
+        require_within(self, **dict.fromkeys((*shares, "ragged", "patches", "specks"), (0.0, 1.0)))
+        require_within(self, furniture_things=(1, 100), bend_m=(0.0, 0.1))
+        for name, least, most in (("cut_overlap_m", 0.0, 100.0), ("resolution_m", 0.01, 1.0)):
+            low, high = getattr(self, name)
+            if not least <= low <= high <= most:
+                raise ConfigError(
+                    f"Augmentation: {name} is {[low, high]}; must rise from at least {least:g} to at most "
+                    f"{most:g}"
+                )
+
+
+def augmented(pair: MapPair, settings: Augmentation, rng: np.random.Generator) -> MapPair:
+    """The pair with defects drawn for it."""
+    if rng.random() < settings.untouched:
+        return pair
+    grids = [pair.grid_0, pair.grid_1]
+    T_m_m0 = (SE2.identity(), pair.T_m0_m1.inverse())
+    if rng.random() < settings.furniture:
+        things = draw_things(pair, count=int(rng.integers(1, settings.furniture_things + 1)), rng=rng)
+        grids = [with_things(grid, things.seen_by(i), T_m_m0[i]) for i, grid in enumerate(grids)]
+    meeting = (pair.T_m0_r1, pair.T_m1_r1)
+    grids = [_with_defects(grid, T_m_r1, settings, rng) for grid, T_m_r1 in zip(grids, meeting, strict=True)]
+    if rng.random() < settings.cut:
+        grids = _cut(pair, grids, settings, rng)
+    return replace(pair, grid_0=grids[0], grid_1=grids[1])
+
+
+def _with_defects(
+    grid: OccupancyGrid, T_m_r1: SE2, settings: Augmentation, rng: np.random.Generator
+) -> OccupancyGrid:
+    """One map with defects of its own, in the order in which a robot would bring them about."""
+    bend_m = settings.bend_m if rng.random() < settings.bend else 0.0
+    coarser = rng.random() < settings.resolution
+    cell_m = float(rng.uniform(*settings.resolution_m)) if coarser else grid.resolution_m
+    if bend_m or coarser:
+        grid = bent(grid, T_m_r1, amplitude_m=bend_m, resolution_m=cell_m, rng=rng)
+    if rng.random() < settings.rescan:
+        grid = rescanned(grid, rng)
+    if rng.random() < settings.spurious:
+        grid = with_spurious_rays(grid, rng)
+    for share, defect in (
+        (settings.thick, thickened),
+        (settings.ragged, ragged),
+        (settings.patches, patched),
+        (settings.specks, specked),
+    ):
+        if rng.random() < share:
+            grid = defect(grid, rng)
+    return grid
+
+
+def _cut(
+    pair: MapPair, grids: list[OccupancyGrid], settings: Augmentation, rng: np.random.Generator
+) -> list[OccupancyGrid]:
+    """Map 0 without what lies beyond a line near the meeting point, map 1 without what is before another."""
+    strip_m, heading_rad = rng.uniform(*settings.cut_overlap_m), rng.uniform(-np.pi, np.pi)
+    meeting = SE2(pair.T_m0_r1.x_m, pair.T_m0_r1.y_m, float(heading_rad))
+    share = rng.uniform(0.0, 1.0)
+    T_m0_line = meeting @ SE2(float(share * strip_m), 0.0, 0.0)
+    T_m1_line = pair.T_m0_m1.inverse() @ meeting @ SE2(float((share - 1.0) * strip_m), 0.0, np.pi)
+    return [beyond_line_unknown(grids[0], T_m0_line), beyond_line_unknown(grids[1], T_m1_line)]

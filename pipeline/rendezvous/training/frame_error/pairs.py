@@ -1,0 +1,106 @@
+"""Pairs of maps straight from the published shards."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import pyarrow as pa
+
+from rendezvous.geometry.occupancy_grid import OccupancyGrid, grid_from_png
+from rendezvous.geometry.se2 import SE2, Array
+from rendezvous.store.read import StageReader
+from rendezvous.training.published_rows import SPLIT_NAMES as SPLIT_NAMES
+from rendezvous.training.published_rows import PublishedRows, number_rows, read_split, rows_per_split
+
+COLUMNS = (
+    "pair_id",
+    "plan_id",
+    "plan_digest",
+    "seed",
+    "map_0",
+    "map_1",
+    "origin_0",
+    "origin_1",
+    "resolution_m",
+    "T_m0_r0",
+    "T_m1_r1",
+    "T_m0_m1_local",
+    "overlap",
+)
+_POSES = ("origin_0", "origin_1", "T_m0_r0", "T_m1_r1", "T_m0_m1_local")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MapPair:
+    """Two maps of one place, and how they lie.
+
+    Attributes:
+        pair_id: unique name.
+        grid_0, grid_1: each robot's map, in its own frame.
+        T_m0_m1: the true pose of map 1 in map 0, which makes the maps agree where the robots meet.
+        T_m1_r1: where robot 1 stands in its map.
+        T_m0_r0: where robot 0 stands in its map as it sees robot 1; None if that is not known.
+        overlap: |known_0 ∩ known_1| / |known_0 ∪ known_1| of the maps as they are stored.
+    """
+
+    pair_id: str
+    grid_0: OccupancyGrid
+    grid_1: OccupancyGrid
+    T_m0_m1: SE2
+    T_m1_r1: SE2
+    overlap: float
+    T_m0_r0: SE2 | None = None
+
+    @property
+    def T_m0_r1(self) -> SE2:
+        """Where robot 1 truly stands in map 0: the meeting point."""
+        return self.T_m0_m1 @ self.T_m1_r1
+
+
+class PairTable(PublishedRows):
+    """The pairs of one split. Maps stay compressed (5 kB a pair) and are decoded when they are asked for."""
+
+    def __init__(self, split: str, table: pa.Table) -> None:
+        super().__init__(split, table.combine_chunks())
+        self._poses = {name: number_rows(self.table[name], width=3) for name in _POSES}
+        self._maps = [_pngs(self.table[name]) for name in ("map_0", "map_1")]
+        self._pair_ids: list[str] = self.table["pair_id"].to_pylist()
+        self._resolution_m = self.table["resolution_m"].to_numpy()
+        self.overlap: Array = self.table["overlap"].to_numpy()
+
+    def __getitem__(self, index: int) -> MapPair:
+        grids = [
+            grid_from_png(
+                self._maps[i][index].as_py(),
+                resolution_m=float(self._resolution_m[index]),
+                T_m_g=SE2.from_array(self._poses[f"origin_{i}"][index]),
+            )
+            for i in (0, 1)
+        ]
+        return MapPair(
+            pair_id=self._pair_ids[index],
+            grid_0=grids[0],
+            grid_1=grids[1],
+            T_m0_m1=SE2.from_array(self._poses["T_m0_m1_local"][index]),
+            T_m1_r1=SE2.from_array(self._poses["T_m1_r1"][index]),
+            overlap=float(self.overlap[index]),
+            T_m0_r0=SE2.from_array(self._poses["T_m0_r0"][index]),
+        )
+
+
+def read_pairs(reader: StageReader, split: str) -> PairTable:
+    """The pairs of one split of the published dataset.
+
+    Raises:
+        StoreError: the folder holds no such split, or a file is missing or damaged or lacks a column.
+    """
+    return PairTable(split, pa.concat_tables(read_split(reader, "pairs", split, columns=COLUMNS)))
+
+
+def pairs_per_split(reader: StageReader) -> dict[str, int]:
+    """How many pairs each split of the published dataset has, as its manifest tells."""
+    return rows_per_split(reader, "pairs")
+
+
+def _pngs(column: pa.ChunkedArray) -> pa.Array:
+    return pa.concat_arrays(column.chunks).field("bytes")

@@ -1,0 +1,124 @@
+"""Wrong map transforms: drawn anew for each training sample, fixed for validation and the evaluation."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from rendezvous.alignment.frame_error import frame_error, perturbed
+from rendezvous.alignment.window import WINDOW_CELL_M, WINDOW_CELLS, MapWindow, SearchRange, map_window
+from rendezvous.errors import require_within
+from rendezvous.geometry.se2 import SE2
+from rendezvous.seeds import stream
+from rendezvous.training.frame_error.pairs import MapPair
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PerturbationRange:
+    """How wrong the map transform may be.
+
+    Of the samples, `wide_share` are drawn from the wide range (for a pose estimator that flips a robot's
+    heading), the others from the range that the paper's Table I implies for a row that failed to learn
+    (0.999 m, 0.964 m, 0.394 rad): U(±2 m, ±2 m, ±π/4). The paper does not state it.
+
+    Attributes:
+        xy_m, yaw_rad: half widths.
+        wide_share: share of samples drawn from the wide range instead.
+        wide_xy_m, wide_yaw_rad: half widths of that.
+    """
+
+    xy_m: float = 2.0
+    yaw_rad: float = math.pi / 4.0
+    wide_share: float = 0.0
+    wide_xy_m: float = 3.0
+    wide_yaw_rad: float = math.pi
+
+    def __post_init__(self) -> None:
+        require_within(
+            self,
+            xy_m=(0.0, 8.0),
+            yaw_rad=(0.0, math.pi),
+            wide_share=(0.0, 1.0),
+            wide_xy_m=(0.0, 8.0),
+            wide_yaw_rad=(0.0, math.pi),
+        )
+
+    def search(self) -> SearchRange:
+        """The search that reaches every frame error that can be drawn."""
+        wide = self.wide_share > 0.0
+        return SearchRange.covering(
+            xy_m=max(self.xy_m, self.wide_xy_m) if wide else self.xy_m,
+            yaw_rad=max(self.yaw_rad, self.wide_yaw_rad) if wide else self.yaw_rad,
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Perturbation:
+    """One drawn frame error, and how the window is turned.
+
+    Attributes:
+        theta_c: the frame error at the meeting point, in the axes of m0.
+        rotation_rad: heading of the window frame w in m0.
+    """
+
+    theta_c: SE2
+    rotation_rad: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PerturbedPair:
+    """A pair under a wrong map transform, as an estimator sees it, and the truth.
+
+    Attributes:
+        window: both maps.
+        theta_w: the frame error in w, which is to be estimated.
+        T_estimated: the wrong `T_m0_m1`.
+        T_m0_w: the window frame.
+    """
+
+    window: MapWindow
+    theta_w: SE2
+    T_estimated: SE2
+    T_m0_w: SE2
+
+
+def draw_perturbation(range_: PerturbationRange, rng: np.random.Generator) -> Perturbation:
+    """Uniform in x, y, yaw over one of the two ranges; the window's heading uniform over the circle."""
+    wide = rng.random() < range_.wide_share
+    xy_m, yaw_rad = (range_.wide_xy_m, range_.wide_yaw_rad) if wide else (range_.xy_m, range_.yaw_rad)
+    x_m, y_m = rng.uniform(-xy_m, xy_m, 2)
+    theta_c = SE2(float(x_m), float(y_m), float(rng.uniform(-yaw_rad, yaw_rad)))
+    return Perturbation(theta_c=theta_c, rotation_rad=float(rng.uniform(-math.pi, math.pi)))
+
+
+def evaluation_perturbation(pair_id: str, range_: PerturbationRange, *, seed: int) -> Perturbation:
+    """The one perturbation of a pair with which every method is measured."""
+    return draw_perturbation(range_, stream(seed, "evaluation", pair_id))
+
+
+def perturbed_pair(
+    pair: MapPair,
+    perturbation: Perturbation,
+    *,
+    cells: int = WINDOW_CELLS,
+    cell_m: float = WINDOW_CELL_M,
+) -> PerturbedPair:
+    """Place map 1 wrongly and cut the window around where that puts robot 1.
+
+    Args:
+        pair: the maps and their true transform.
+        perturbation: how wrong to be.
+        cells, cell_m: the window's cells along a side, and their side [m].
+    """
+    T_estimated, T_m0_c = perturbed(pair.T_m0_m1, pair.T_m0_r1, perturbation.theta_c)
+    T_m0_w = T_m0_c @ SE2(0.0, 0.0, perturbation.rotation_rad)
+    return PerturbedPair(
+        window=map_window(
+            pair.grid_0, pair.grid_1, T_estimated, T_m0_w, T_m0_r0=pair.T_m0_r0, cells=cells, cell_m=cell_m
+        ),
+        theta_w=frame_error(T_estimated, pair.T_m0_m1, T_m0_w),
+        T_estimated=T_estimated,
+        T_m0_w=T_m0_w,
+    )

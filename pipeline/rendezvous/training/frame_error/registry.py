@@ -1,0 +1,154 @@
+"""The models that can be trained, by name."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from rendezvous.alignment.window import MapWindow
+from rendezvous.errors import ConfigError
+from rendezvous.geometry.se2 import SE2
+from rendezvous.models.frame_error import (
+    FrameErrorConfig,
+    FrameErrorNet,
+    build_frame_error,
+    input_grid,
+    output_pose,
+)
+from rendezvous.models.losses import ABLATION_ROWS, AblationRow, frame_error_loss
+from rendezvous.models.matcher import Matcher, MatcherConfig
+from rendezvous.models.matcher_estimator import MatcherEstimator
+from rendezvous.models.matcher_loss import LossSampling, matcher_loss
+from rendezvous.training.frame_error.data import Batch
+from rendezvous.training.model import FrameErrorModel
+from rendezvous.training.parameters import Sampling
+from rendezvous.training.settings import filled
+
+DEFAULT_MODEL = "matcher"
+PAPER_ROWS: dict[str, AblationRow] = {row.name: row for row in ABLATION_ROWS}
+MODEL_NAMES = (DEFAULT_MODEL, *PAPER_ROWS)
+_FIXED = ("vit", "lie", "cell_m")
+"""Of the configurations, what follows from the model's name and from the window."""
+
+
+def build_model(name: str, settings: Mapping[str, Any], sampling: Sampling, *, seed: int) -> FrameErrorModel:
+    """A model with fresh weights, on the CPU.
+
+    Args:
+        name: of `MODEL_NAMES`.
+        settings: of its own configuration, those that are not to be the default.
+        sampling: the window that it will look at, and how far off the maps may be.
+        seed: of its first weights.
+
+    Raises:
+        ConfigError: there is no such model or setting, or the settings do not fit each other or the window.
+    """
+    if name not in MODEL_NAMES:
+        raise ConfigError(f"train.model is {name!r}; must be one of {', '.join(MODEL_NAMES)}")
+    torch.manual_seed(seed)
+    if name == DEFAULT_MODEL:
+        fixed = {"cell_m": sampling.window_cell_m}
+        config = filled(
+            MatcherConfig, settings, where="train.settings", model=name, fixed=fixed, follows=_FIXED
+        )
+        _check_divides_window("coarse_factor", config.coarse_factor, sampling)
+        return MatcherModel(Matcher(config), sampling)
+    row = PAPER_ROWS[name]
+    kind = {"vit": row.vit, "lie": row.lie}
+    paper = filled(FrameErrorConfig, settings, where="train.settings", model=name, fixed=kind, follows=_FIXED)
+    _check_divides_window("cells", paper.cells, sampling)
+    paper = replace(paper, cell_m=sampling.window_cell_m * (sampling.window_cells / paper.cells))
+    return PaperModel(build_frame_error(paper, generator=torch.Generator().manual_seed(seed)), row)
+
+
+def rebuilt_model(name: str, config: Mapping[str, Any], sampling: Sampling) -> FrameErrorModel:
+    """The model that weights were trained in, whatever the defaults are by now.
+
+    Args:
+        name: of `MODEL_NAMES`.
+        config: as `FrameErrorModel.config` gave it.
+        sampling: what it was trained on.
+
+    Raises:
+        ConfigError: the configuration is not of this model.
+    """
+    if name == DEFAULT_MODEL:
+        return MatcherModel(MatcherConfig.from_dict(config).build(), sampling)
+    network = build_frame_error(FrameErrorConfig.from_dict(config), generator=torch.Generator())
+    return PaperModel(network, PAPER_ROWS[name])
+
+
+class PaperModel(FrameErrorModel):
+    """A row of the paper's Table I."""
+
+    suitable_learning_rate = 5e-4
+
+    def __init__(self, network: FrameErrorNet, row: AblationRow) -> None:
+        super().__init__()
+        self.network, self.row = network, row
+
+    def config(self) -> dict[str, Any]:
+        """Of the network."""
+        return self.network.config.as_dict()
+
+    def loss(self, batch: Batch) -> tuple[Tensor, dict[str, float]]:
+        """L of Eq. 7, and its parts."""
+        config = self.network.config
+        found = frame_error_loss(
+            self.network,
+            input_grid(batch["cells"], cells=config.cells),
+            batch["theta"],
+            lie_algebra=config.lie,
+            omega=self.row.omega,
+            cell_m=config.cell_m,
+        )
+        return found.total, {"error": float(found.error.detach()), "reg": float(found.reg.detach())}
+
+    def theta(self, cells_B2NN: Tensor, sight_B2NN: Tensor) -> Tensor:
+        """What the network says, as a pose; it looks at the maps alone."""
+        config = self.network.config
+        xi_B3 = self.network(input_grid(cells_B2NN, cells=config.cells))
+        return output_pose(xi_B3, lie_algebra=config.lie)
+
+
+class MatcherModel(FrameErrorModel):
+    """The learned matcher; loss and search reach as far as the samples are off."""
+
+    suitable_learning_rate = 6e-3
+
+    def __init__(self, network: Matcher, sampling: Sampling) -> None:
+        super().__init__()
+        self.network, self.cell_m = network, sampling.window_cell_m
+        self.search = sampling.perturbation.search()
+
+    def config(self) -> dict[str, Any]:
+        """Of the network."""
+        return self.network.config.as_dict()
+
+    def loss(self, batch: Batch) -> tuple[Tensor, dict[str, float]]:
+        """Cross-entropy of the coarse and the fine volume."""
+        looks = LossSampling()
+        looks = replace(looks, xy_m=max(looks.xy_m, self.search.xy_m))
+        return matcher_loss(self.network, batch["cells"], batch["theta"], looks, sight_BMNN=batch["sight"])
+
+    def theta(self, cells_B2NN: Tensor, sight_B2NN: Tensor) -> Tensor:
+        """The posterior's mean; zero where one of the maps shows nothing."""
+        estimator = MatcherEstimator(model=self.network, search=self.search)
+        windows = [
+            MapWindow(cells=cells, cell_m=self.cell_m, sight=sight)
+            for cells, sight in zip(cells_B2NN.cpu().numpy(), sight_B2NN.cpu().numpy(), strict=True)
+        ]
+        thetas = [estimator(window).theta or SE2.identity() for window in windows]
+        return torch.tensor([theta.as_array().tolist() for theta in thetas], dtype=torch.float32)
+
+
+def _check_divides_window(key: str, value: int, sampling: Sampling) -> None:
+    if sampling.window_cells % value:
+        raise ConfigError(
+            f"train.settings: {key} is {value}; must divide the window's {sampling.window_cells} cells "
+            "(train.sampling.window_cells)"
+        )

@@ -1,0 +1,160 @@
+"""The training loop."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Generic, Protocol, TypeVar
+
+import torch
+from torch import Tensor, nn
+
+from rendezvous.errors import ConfigError
+from rendezvous.seeds import stream
+from rendezvous.training.batches import AnyBatch, moved, samples_in
+from rendezvous.training.curve import CurvePoint
+from rendezvous.training.model import TrainableModel
+from rendezvous.training.optimiser import (
+    adamw,
+    averaged_copy,
+    learning_rate,
+    set_learning_rate,
+    update_average,
+)
+from rendezvous.training.parameters import Budget, Optimisation
+from rendezvous.training.processes import Processes
+
+Model = TypeVar("Model", bound=TrainableModel[Any])
+
+
+@dataclass(slots=True, kw_only=True)
+class TrainingState(Generic[Model]):
+    """All that changes while a model is trained, and all that a run needs to go on.
+
+    Attributes:
+        model: what is trained, on the device.
+        average: moving average of its weights.
+        optimizer: its moments.
+        step, samples, elapsed_s: how far training has come, over all processes.
+        loss_sum, loss_steps: of the steps since the last point of the curve.
+        curve: what validations have found.
+    """
+
+    model: Model
+    average: Model
+    optimizer: torch.optim.AdamW
+    step: int = 0
+    samples: int = 0
+    elapsed_s: float = 0.0
+    loss_sum: float = 0.0
+    loss_steps: int = 0
+    curve: list[CurvePoint] = field(default_factory=list)
+
+    @staticmethod
+    def fresh(model: Model, settings: Optimisation) -> TrainingState[Model]:
+        """The state before the first step."""
+        return TrainingState(model=model, average=averaged_copy(model), optimizer=adamw(model, settings))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Step:
+    """What one step found.
+
+    Attributes:
+        loss: mean over all processes.
+        figures: of the model, in this process.
+        gradient_norm: before it was clipped.
+        learning_rate: with which the step was made.
+        spent: share of the budget that was spent before it.
+    """
+
+    loss: float
+    figures: dict[str, float]
+    gradient_norm: float
+    learning_rate: float
+    spent: float
+
+
+class Observer(Protocol[Model]):
+    """Watches: validates, saves, tells."""
+
+    def after(self, state: TrainingState[Model], step: Step) -> None:
+        """Called after each step, in every process."""
+
+
+def fit(
+    state: TrainingState[Model],
+    batches: Iterable[AnyBatch],
+    settings: Optimisation,
+    budget: Budget,
+    *,
+    seed: int,
+    processes: Processes,
+    observer: Observer[Model],
+    clock: Callable[[], float],
+) -> None:
+    """Train until the budget is spent.
+
+    Args:
+        state: where to begin; changed in place.
+        batches: those of this process, from number `state.step` on.
+        settings: how.
+        budget: how long.
+        seed: of what models draw from PyTorch's generator in a step.
+        processes: this process among those that train together.
+        observer: called after each step.
+        clock: time [s] from any origin.
+
+    Raises:
+        ConfigError: the loss is not finite.
+    """
+    model = processes.synchronised(_Loss(state.model)).train()
+    highest = settings.learning_rate or state.model.suitable_learning_rate
+    began_s = clock() - state.elapsed_s
+    for batch in batches:
+        spent = processes.agreed(budget.spent(state.samples, clock() - began_s))
+        if spent >= 1.0:
+            break
+        rate = learning_rate(spent, settings, highest=highest)
+        set_learning_rate(state.optimizer, rate)
+        torch.manual_seed(int(stream(seed, "step", state.step, processes.rank).integers(2**62)))
+        with _autocast(settings, processes.device):
+            loss, figures = model(moved(batch, processes.device))
+        state.optimizer.zero_grad(set_to_none=True)
+        loss.backward()
+        norm = nn.utils.clip_grad_norm_(state.model.parameters(), settings.clip_norm)
+        shown = processes.mean(float(loss.detach()))
+        _check_finite(shown, float(norm), state.step)
+        state.optimizer.step()
+        state.step += 1
+        state.samples += samples_in(batch) * processes.count
+        state.loss_sum, state.loss_steps = state.loss_sum + shown, state.loss_steps + 1
+        update_average(state.average, state.model, step=state.step, decay=settings.ema_decay)
+        state.elapsed_s = clock() - began_s
+        observer.after(
+            state,
+            Step(loss=shown, figures=figures, gradient_norm=float(norm), learning_rate=rate, spent=spent),
+        )
+
+
+class _Loss(nn.Module):
+    """The loss as a forward pass, which is where `DistributedDataParallel` looks on."""
+
+    def __init__(self, model: TrainableModel[Any]) -> None:
+        super().__init__()
+        self.model = model
+
+    def forward(self, batch: Mapping[str, Any]) -> tuple[Tensor, dict[str, float]]:
+        return self.model.loss(batch)
+
+
+def _autocast(settings: Optimisation, device: torch.device) -> torch.autocast:
+    return torch.autocast(device.type, dtype=torch.bfloat16, enabled=settings.precision == "bf16")
+
+
+def _check_finite(loss: float, norm: float, step: int) -> None:
+    if not (abs(loss) < float("inf") and norm < float("inf")):
+        raise ConfigError(
+            f"step {step}: the loss is {loss}, the gradient's norm {norm}; must be finite: "
+            "a lower optimisation.learning_rate or precision fp32 may help"
+        )

@@ -1,0 +1,91 @@
+"""What a training run is set to. Needs no PyTorch: the configuration is read without it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+from rendezvous.alignment.window import WINDOW_CELL_M, WINDOW_CELLS
+from rendezvous.errors import require_within
+from rendezvous.training.frame_error.augmentation import Augmentation
+from rendezvous.training.frame_error.perturbation import PerturbationRange
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sampling:
+    """How samples are drawn from pairs.
+
+    Attributes:
+        perturbation: how wrong the map transform may be.
+        augmentation: what befalls the maps.
+        sight_withheld: share of samples that do not tell where the robots stood: a model shall do without.
+        window_cells, window_cell_m: cells along a side of the window, and their side.
+    """
+
+    perturbation: PerturbationRange = field(default_factory=PerturbationRange)
+    augmentation: Augmentation = field(default_factory=Augmentation)
+    sight_withheld: float = 0.3
+    window_cells: int = WINDOW_CELLS
+    window_cell_m: float = WINDOW_CELL_M
+
+    def __post_init__(self) -> None:
+        require_within(self, sight_withheld=(0.0, 1.0), window_cells=(16, 4096), window_cell_m=(0.01, 1.0))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Optimisation:
+    """How weights are found: AdamW, a learning rate that rises, then falls along a cosine, a moving average.
+
+    Attributes:
+        batch_size: samples of each process in a step.
+        learning_rate: the highest; None for what suits the model.
+        final_share: of it, that is left at the end.
+        warmup_share: of the budget, over which it rises from 0.
+        weight_decay: of weights; biases and gains of norms have none.
+        clip_norm: greatest norm of the gradient.
+        ema_decay: of the moving average of the weights, with which is validated and which is published.
+        precision: of the forward pass: bfloat16 where that is safe, or float32.
+    """
+
+    batch_size: int = 8
+    learning_rate: float | None = None
+    final_share: float = 0.01
+    warmup_share: float = 0.03
+    weight_decay: float = 0.02
+    clip_norm: float = 1.0
+    ema_decay: float = 0.998
+    precision: Literal["bf16", "fp32"] = "bf16"
+
+    def __post_init__(self) -> None:
+        require_within(
+            self,
+            batch_size=(1, 65536),
+            final_share=(0.0, 1.0),
+            warmup_share=(0.0, 0.5),
+            weight_decay=(0.0, 1.0),
+            clip_norm=(1e-6, 1e6),
+            ema_decay=(0.0, 0.999999),
+        )
+        if self.learning_rate is not None:
+            require_within(self, learning_rate=(1e-8, 1.0))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Budget:
+    """When training ends: after so many samples or seconds, whichever comes first.
+
+    The learning rate follows the share that is spent. With a bound in seconds it depends on the clock: only a
+    run bounded by samples alone repeats its curve exactly when it was killed and goes on.
+    """
+
+    samples: int | None
+    duration_s: float | None
+
+    def __post_init__(self) -> None:
+        assert self.samples is not None or self.duration_s is not None, "a budget has a bound"
+
+    def spent(self, samples: int, elapsed_s: float) -> float:
+        """Share of the budget that is spent; 1 or more at the end."""
+        by_samples = samples / self.samples if self.samples is not None else 0.0
+        by_time = elapsed_s / self.duration_s if self.duration_s is not None else 0.0
+        return max(by_samples, by_time)

@@ -1,0 +1,101 @@
+"""Rows of one split straight from the published shards."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+import numpy as np
+import pyarrow as pa
+
+from rendezvous.errors import StoreError
+from rendezvous.geometry.se2 import Array
+from rendezvous.store.digest import content_digest
+from rendezvous.store.disk import Disk
+from rendezvous.store.read import StageReader
+
+SPLIT_NAMES = ("train", "validation", "test")
+
+
+class PublishedRows:
+    """The rows of one split; what is compressed stays so until it is asked for.
+
+    Attributes:
+        split: its name.
+        table: the columns that are read.
+    """
+
+    def __init__(self, split: str, table: pa.Table) -> None:
+        self.split, self.table = split, table
+
+    def __len__(self) -> int:
+        return int(self.table.num_rows)
+
+    def digest(self) -> str:
+        """Of all that is read, independent of how it is stored."""
+        return content_digest(self.table)
+
+    def plan_digests(self) -> list[str]:
+        """Of the floor plans that the rows are from, sorted."""
+        return sorted(self.table["plan_digest"].unique().to_pylist())
+
+    def seeds(self) -> list[int]:
+        """The root seeds that the rows were made with."""
+        return sorted(self.table["seed"].unique().to_pylist())
+
+
+def read_split(reader: StageReader, kind: str, split: str, *, columns: Sequence[str]) -> list[pa.Table]:
+    """These columns, in this order, of each file of a split.
+
+    Args:
+        reader: of the published dataset.
+        kind: `pairs` or `poses`.
+        split: of `SPLIT_NAMES`.
+        columns: their names.
+
+    Raises:
+        StoreError: the folder holds no such rows, or a file is missing or damaged or lacks a column.
+    """
+    names = [shard.name for shard in reader.shards()]
+    splits = {name: its_split for name in names if (its_split := _split_of(name, kind))}
+    tables = [_columns(reader, name, kind, columns) for name, its in splits.items() if its == split]
+    if sum(table.num_rows for table in tables) == 0:
+        have = ", ".join(sorted(set(splits.values()))) or f"{len(names)} files without a split in their names"
+        raise StoreError(
+            f"{reader.root}: no {kind} in {kind}/{split}-*.parquet, found {have}; "
+            f"must be a dataset with the splits that `rendezvous pack` writes"
+        )
+    return tables
+
+
+def rows_per_split(reader: StageReader, kind: str) -> dict[str, int]:
+    """How many rows each split of the published dataset has, as its manifest tells."""
+    counts = dict.fromkeys(SPLIT_NAMES, 0)
+    for shard in reader.shards():
+        if split := _split_of(shard.name, kind):
+            counts[split] += shard.rows
+    return counts
+
+
+def number_rows(column: pa.ChunkedArray, *, width: int) -> Array:
+    """(N, width) of a column of fixed-size lists without nulls."""
+    flat = pa.concat_arrays(column.chunks).flatten()
+    return np.asarray(flat.to_numpy(), dtype=np.float64).reshape(-1, width)
+
+
+def _split_of(name: str, kind: str) -> str | None:
+    """The split that a file is of; None if it is no file of this kind."""
+    found = re.fullmatch(rf"{kind}/({'|'.join(SPLIT_NAMES)})-[0-9]+-of-[0-9]+\.parquet", name)
+    return found[1] if found else None
+
+
+def _columns(reader: StageReader, name: str, kind: str, columns: Sequence[str]) -> pa.Table:
+    """These columns of one file, in that order."""
+    table = reader.table(name, columns=columns)
+    for column in columns:
+        if column not in table.column_names:
+            raise StoreError(
+                f"{Disk(reader.root).shown(name)}: has no column {column!r}; must be a file of {kind} as "
+                "`rendezvous pack` writes them"
+            )
+    return table.select(list(columns))

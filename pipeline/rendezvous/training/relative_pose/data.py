@@ -1,0 +1,231 @@
+"""Batches for training and validating the pose network, drawn from images of the robot.
+
+A sample is a function of the seed and its number alone, so that any number of workers and processes, and a
+run that was killed and goes on, see the same samples.
+
+Legend: B sample, 3 red green blue, H W rows and columns of the input, h w of the maps, 9 belief maps, 16
+vector fields.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TypedDict
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+from torch.utils.data import Dataset
+
+from rendezvous.errors import StoreError
+from rendezvous.geometry.se2 import Array
+from rendezvous.pose_estimation.dope_labels import Maps, belief_maps, vector_fields
+from rendezvous.pose_estimation.look import STRIDE_PX, Image
+from rendezvous.seeds import stream
+from rendezvous.training.batches import EpochOrder
+from rendezvous.training.relative_pose.augmentation import augmented_image
+from rendezvous.training.relative_pose.looks import draw_close_look, draw_look_elsewhere, draw_wide_look
+from rendezvous.training.relative_pose.poses import PoseImage, PoseTable
+from rendezvous.training.relative_pose.sampling import PoseSampling
+
+
+class PoseBatch(TypedDict):
+    """Samples side by side.
+
+    Attributes:
+        image_B3HW: uint8.
+        belief_B9hw, fields_B16hw: float32 of `dope_labels`.
+    """
+
+    image_B3HW: Tensor
+    belief_B9hw: Tensor
+    fields_B16hw: Tensor
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PoseSample:
+    """One input.
+
+    Attributes:
+        image: (H, W, 3) uint8.
+        uv_px: (9, 2) the cuboid's points in the input; NaN where it is not to show the robot.
+        close: whether it is a close look.
+    """
+
+    image: Image
+    uv_px: Array
+    close: bool
+
+    @property
+    def shows_robot(self) -> bool:
+        """Whether the robot is to be found in it."""
+        return bool(np.isfinite(self.uv_px).all())
+
+
+class _Looker:
+    """Draws looks at the images of a split."""
+
+    def __init__(self, poses: PoseTable, sampling: PoseSampling) -> None:
+        self.poses, self.sampling = poses, sampling
+        self.showing = poses.showing(least_visibility=sampling.least_visibility)
+        self.without = poses.without_robot()
+        if not self.showing:
+            raise StoreError(
+                f"poses/{poses.split}: none of {len(poses)} images shows at least "
+                f"{sampling.least_visibility:g} of the robot; training needs some"
+            )
+
+    def at_robot(self, row: int, rng: np.random.Generator, *, close: bool) -> PoseSample:
+        """A look that shows the row's robot."""
+        pose = self.poses[row]
+        if close:
+            look = draw_close_look(pose.uv_px, self.sampling, rng)
+        else:
+            look = draw_wide_look(_size_px(pose), pose.uv_px, self.sampling, rng)
+        return PoseSample(image=look.cut(pose.image), uv_px=look.to_input(pose.uv_px), close=close)
+
+    def elsewhere(self, row: int, rng: np.random.Generator) -> PoseSample | None:
+        """A look at the row's image that shows no robot; None if the robot leaves no room for one."""
+        pose = self.poses[row]
+        seen = pose.uv_px if pose.visibility > 0.0 else np.full((9, 2), np.nan)
+        look = draw_look_elsewhere(_size_px(pose), seen, self.sampling, rng)
+        if look is None:
+            return None
+        return PoseSample(image=look.cut(pose.image), uv_px=np.full((9, 2), np.nan), close=False)
+
+
+class PoseTrainingBatches(Dataset[PoseBatch]):
+    """Batches by their number, drawn in permutations of the images that show the robot.
+
+    Attributes:
+        batch_size: samples of this process in a batch.
+        rank, processes: this process among those that share each step.
+    """
+
+    def __init__(
+        self,
+        poses: PoseTable,
+        sampling: PoseSampling,
+        *,
+        seed: int,
+        batch_size: int,
+        rank: int = 0,
+        processes: int = 1,
+    ) -> None:
+        self.sampling, self.seed = sampling, seed
+        self.batch_size, self.rank, self.processes = batch_size, rank, processes
+        self._looker = _Looker(poses, sampling)
+        plausible = [row for row in self._looker.showing if poses.plausible[row]]
+        free = [row for row in self._looker.showing if not poses.plausible[row]]
+        self._rows = plausible or free, free or plausible
+        self._orders = [EpochOrder(len(rows), seed=seed) for rows in self._rows]
+
+    def __getitem__(self, step: int) -> PoseBatch:
+        first = (step * self.processes + self.rank) * self.batch_size
+        samples = [self.sample(number) for number in range(first, first + self.batch_size)]
+        return pose_batch(samples, self.sampling)
+
+    def sample(self, number: int) -> PoseSample:
+        """One sample by its number."""
+        rng = stream(self.seed, "train", number)
+        kind = 0 if rng.random() < self.sampling.plausible_share else 1
+        sample = self._look(self._rows[kind][self._orders[kind].row(number)], rng)
+        image = augmented_image(sample.image, _box_px(sample), self.sampling.augmentation, rng)
+        return PoseSample(image=image, uv_px=sample.uv_px, close=sample.close)
+
+    def _look(self, row: int, rng: np.random.Generator) -> PoseSample:
+        if rng.random() < self.sampling.absent_share:
+            without = self._looker.without
+            # Half of them of images without the robot: few images, but all of their places may be seen.
+            if without and rng.random() < 0.5:
+                elsewhere = self._looker.elsewhere(without[int(rng.integers(len(without)))], rng)
+            else:
+                elsewhere = self._looker.elsewhere(row, rng)
+            if elsewhere is not None:
+                return elsewhere
+        return self._looker.at_robot(row, rng, close=rng.random() < self.sampling.close_share)
+
+
+def validation_samples(
+    poses: PoseTable, sampling: PoseSampling, *, seed: int, count: int
+) -> list[PoseSample]:
+    """Looks at images as they are, evenly over the split: at each a close, a wide one and one elsewhere.
+
+    Args:
+        poses: the split.
+        sampling: of looks.
+        seed: of the looks.
+        count: at most so many images.
+    """
+    looker = _Looker(poses, sampling)
+    samples = list[PoseSample]()
+    for row in _spread(looker.showing, count):
+        rng = stream(seed, "validation", row)
+        samples += [looker.at_robot(row, rng, close=close) for close in (True, False)]
+        elsewhere = looker.elsewhere(row, rng)
+        samples += [elsewhere] if elsewhere is not None else []
+    return samples
+
+
+def pose_batch(samples: Sequence[PoseSample], sampling: PoseSampling) -> PoseBatch:
+    """Samples with the maps that a network shall give of them."""
+    images: NDArray[np.uint8] = np.stack([sample.image.transpose(2, 0, 1) for sample in samples])
+    maps = [target_maps(sample.uv_px, sampling) for sample in samples]
+    return PoseBatch(
+        image_B3HW=torch.from_numpy(images),
+        belief_B9hw=torch.from_numpy(np.stack([belief for belief, _ in maps])),
+        fields_B16hw=torch.from_numpy(np.stack([field for _, field in maps])),
+    )
+
+
+def target_maps(uv_px: Array, sampling: PoseSampling) -> tuple[Maps, Maps]:
+    """(9, h, w) belief maps and (16, h, w) vector fields of one robot.
+
+    A point near the border has its peak cut off there, unlike in `belief_maps`, which leaves it out: the
+    robot is to be found at the edge of an image as well. Points beyond the input have none.
+
+    Args:
+        uv_px: (9, 2) the cuboid's points in the input; NaN for none.
+        sampling: size of the input, of peaks and of discs.
+    """
+    side_px, reach = sampling.input_px, int(2.0 * sampling.belief_sigma_cells)
+    inside = np.all((uv_px >= -0.5) & (uv_px < side_px - 0.5), axis=1, keepdims=True)
+    frame_px = reach * STRIDE_PX
+    framed = belief_maps(
+        np.where(inside, uv_px + frame_px, np.nan)[None],
+        width_px=side_px + 2 * frame_px,
+        height_px=side_px + 2 * frame_px,
+        stride_px=STRIDE_PX,
+        sigma_cells=sampling.belief_sigma_cells,
+    )
+    fields = vector_fields(
+        uv_px[None],
+        width_px=side_px,
+        height_px=side_px,
+        stride_px=STRIDE_PX,
+        radius_cells=sampling.field_radius_cells,
+    )
+    cells = side_px // STRIDE_PX
+    return np.ascontiguousarray(framed[:, reach : reach + cells, reach : reach + cells]), fields
+
+
+def _size_px(pose: PoseImage) -> tuple[int, int]:
+    """Width and height."""
+    height, width = pose.image.shape[:2]
+    return width, height
+
+
+def _box_px(sample: PoseSample) -> Array:
+    """(2, 2) what patches may hide parts of: the robot, or the middle of an input without it."""
+    side_px = len(sample.image)
+    if not sample.shows_robot:
+        return np.array([[0.25 * side_px] * 2, [0.75 * side_px] * 2])
+    return np.array([sample.uv_px.min(axis=0), sample.uv_px.max(axis=0)])
+
+
+def _spread(rows: list[int], count: int) -> list[int]:
+    """At most so many, evenly."""
+    places = np.linspace(0, len(rows) - 1, min(count, len(rows))).round()
+    return [rows[int(place)] for place in places]

@@ -1,0 +1,119 @@
+"""How samples are drawn from images of the robot. Needs no PyTorch: the configuration is read without it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from rendezvous.errors import ConfigError, require_within
+from rendezvous.pose_estimation.look import STRIDE_PX
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ImageAugmentation:
+    """What befalls an input, beside all that the rendering has drawn already.
+
+    Attributes:
+        gain: each colour channel's gain is within a factor of 1 plus this.
+        offset: of all channels, within ± this share of full brightness.
+        gamma: of all channels, within a factor of 1 plus this.
+        grey_share: of inputs that lose their colours.
+        blur_share, blur_px: of inputs that are blurred, and the largest standard deviation.
+        noise_share, noise: of inputs with noise, and its largest standard deviation, of full brightness 1.
+        jpeg_share, least_jpeg_quality: of inputs that are compressed, and how hard at most.
+        patch_share, patches: of inputs with patches that hide something, and how many at most.
+        patch_size: largest side of a patch, as a share of the robot's span.
+    """
+
+    gain: float = 0.2
+    offset: float = 0.1
+    gamma: float = 0.3
+    grey_share: float = 0.05
+    blur_share: float = 0.25
+    blur_px: float = 1.2
+    noise_share: float = 0.3
+    noise: float = 0.05
+    jpeg_share: float = 0.25
+    least_jpeg_quality: int = 30
+    patch_share: float = 0.35
+    patches: int = 3
+    patch_size: float = 0.4
+
+    def __post_init__(self) -> None:
+        shares = dict.fromkeys(("grey_share", "blur_share", "noise_share", "jpeg_share"), (0.0, 1.0))
+        require_within(
+            self,
+            **shares,
+            patch_share=(0.0, 1.0),
+            gain=(0.0, 4.0),
+            offset=(0.0, 1.0),
+            gamma=(0.0, 4.0),
+            blur_px=(0.0, 10.0),
+            noise=(0.0, 1.0),
+            least_jpeg_quality=(1, 100),
+            patches=(1, 100),
+            patch_size=(0.0, 1.0),
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PoseSampling:
+    """What a network of the relative pose is shown, and what it shall say.
+
+    A wide look shows the robot anywhere in the input and as little as can be beyond the image's edges, as the
+    search for it does; a close look shows it in the middle at the size at which its keypoints are measured.
+
+    Attributes:
+        input_px: side of the square input, a multiple of 8.
+        belief_sigma_cells: standard deviation of a belief map's peak.
+        field_radius_cells: of a vector field's disc.
+        plausible_share: of looks, at images as another robot takes them; the others show the robot at any
+            attitude before anything. Only upright robots are met, and a robot's heading is what is learnt
+            last.
+        least_visibility: with which a robot is labelled; images that show less of it, but some, are left out.
+        least_span_px, greatest_span_px: larger side of the robot's projected cuboid in wide looks;
+            log-uniform.
+        least_scale, greatest_scale: of a look: input pixels per image pixel, whatever the span would be.
+        close_share: of looks with the robot, that are close.
+        close_span_px: larger side of its projected cuboid there.
+        close_jitter_px, close_jitter_log: standard deviations of where and how large it truly is there:
+            normal, and normal in the logarithm.
+        absent_share: of looks, without the robot: of an image without it, or of another place of one with it.
+        augmentation: what befalls the input.
+    """
+
+    input_px: int = 160
+    belief_sigma_cells: float = 1.0
+    field_radius_cells: int = 2
+    plausible_share: float = 0.85
+    least_visibility: float = 0.2
+    least_span_px: float = 10.0
+    greatest_span_px: float = 140.0
+    least_scale: float = 0.25
+    greatest_scale: float = 3.0
+    close_share: float = 0.7
+    close_span_px: float = 100.0
+    close_jitter_px: float = 10.0
+    close_jitter_log: float = 0.2
+    absent_share: float = 0.2
+    augmentation: ImageAugmentation = field(default_factory=ImageAugmentation)
+
+    def __post_init__(self) -> None:
+        require_within(
+            self,
+            input_px=(4 * STRIDE_PX, 4096),
+            belief_sigma_cells=(0.3, 10.0),
+            field_radius_cells=(0, 20),
+            plausible_share=(0.0, 1.0),
+            least_visibility=(0.0, 1.0),
+            least_span_px=(1.0, self.greatest_span_px),
+            greatest_span_px=(1.0, self.input_px),
+            least_scale=(0.01, self.greatest_scale),
+            greatest_scale=(0.01, 100.0),
+            close_share=(0.0, 1.0),
+            close_span_px=(1.0, self.input_px),
+            close_jitter_px=(0.0, self.input_px),
+            close_jitter_log=(0.0, 2.0),
+            absent_share=(0.0, 0.95),
+        )
+        if self.input_px % STRIDE_PX:
+            raise ConfigError(f"PoseSampling: input_px is {self.input_px}; must be a multiple of {STRIDE_PX}")

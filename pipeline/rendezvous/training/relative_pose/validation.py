@@ -1,0 +1,92 @@
+"""How far the pose network's belief peaks are off, with the weights that would be published."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from rendezvous.geometry.se2 import Array
+from rendezvous.pose_estimation.dope_labels import Maps
+from rendezvous.pose_estimation.look import STRIDE_PX, Image
+from rendezvous.pose_estimation.peaks import belief_peaks
+from rendezvous.training.batches import moved
+from rendezvous.training.relative_pose.data import PoseSample, pose_batch
+from rendezvous.training.relative_pose.model import PoseModel
+from rendezvous.training.relative_pose.pictures import sheet
+from rendezvous.training.relative_pose.sampling import PoseSampling
+
+LEAST_HEIGHT = 0.2
+"""Of a peak that counts as found; the target's is about 1."""
+_AT_ONCE = 32
+_SHOWN = 12
+_CENTROID = 8
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PoseValidation:
+    """Measures networks on looks that stay the same.
+
+    Attributes:
+        samples: the looks, at least one of them close.
+        sampling: of their maps.
+        device: where the networks are.
+    """
+
+    samples: Sequence[PoseSample]
+    sampling: PoseSampling
+    device: torch.device
+
+    @torch.no_grad()
+    def figures(self, model: PoseModel) -> dict[str, float | None]:
+        """What a `PosePoint` tells of them, in float32."""
+        losses, distances_px, false = [], list[Array](), list[bool]()
+        for samples in self._parts():
+            batch = moved(pose_batch(samples, self.sampling), self.device)
+            losses.append(float(model.loss(batch)[0]) * len(samples))
+            for sample, belief in zip(samples, _beliefs(model, samples, self.device), strict=True):
+                if sample.close:
+                    distances_px.append(self._distances_px(belief, sample))
+                elif not sample.shows_robot:
+                    found = belief_peaks(belief[_CENTROID:], sigma_cells=self.sampling.belief_sigma_cells)
+                    false.append(bool((found.height_P >= LEAST_HEIGHT).any()))
+        distances = np.concatenate(distances_px)
+        found_px = distances[np.isfinite(distances)]
+        return {
+            "validation_loss": sum(losses) / len(self.samples),
+            "keypoints_found": len(found_px) / max(len(distances), 1),
+            "mean_distance_px": float(found_px.mean()) if len(found_px) else None,
+            "median_distance_px": float(np.median(found_px)) if len(found_px) else None,
+            "false_peaks": float(np.mean(false)) if false else 0.0,
+        }
+
+    @torch.no_grad()
+    def pictures(self, model: PoseModel) -> dict[str, Image]:
+        """The belief maps of some looks, evenly over them."""
+        places = np.linspace(0, len(self.samples) - 1, min(_SHOWN, len(self.samples))).round()
+        samples = [self.samples[int(place)] for place in places]
+        beliefs = _beliefs(model, samples, self.device)
+        return {"belief_maps": sheet(samples, beliefs, columns=4)}
+
+    def _parts(self) -> list[Sequence[PoseSample]]:
+        return [self.samples[i : i + _AT_ONCE] for i in range(0, len(self.samples), _AT_ONCE)]
+
+    def _distances_px(self, belief_9hw: Maps, sample: PoseSample) -> Array:
+        """(K,) from each keypoint in the input to its map's highest peak; inf where there is none."""
+        peaks = belief_peaks(
+            belief_9hw, sigma_cells=self.sampling.belief_sigma_cells, least_height=LEAST_HEIGHT, most=1
+        )
+        found_px = np.full((9, 2), np.inf)
+        found_px[peaks.channel_P] = STRIDE_PX * peaks.uv_cells_P2
+        inside = ((sample.uv_px >= 0.0) & (sample.uv_px <= self.sampling.input_px - 1)).all(axis=1)
+        distances: Array = np.linalg.norm(found_px - sample.uv_px, axis=1)[inside]
+        return distances
+
+
+def _beliefs(model: PoseModel, samples: Sequence[PoseSample], device: torch.device) -> list[Maps]:
+    """(9, h, w) of the last stage, for each sample."""
+    images = np.stack([sample.image.transpose(2, 0, 1) for sample in samples])
+    maps = model.network(torch.from_numpy(images).to(device))[-1]
+    return list(maps.belief_B9hw.float().cpu().numpy())

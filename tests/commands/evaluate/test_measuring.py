@@ -1,0 +1,62 @@
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+
+from rendezvous.commands.evaluate.measuring import Measurement, measured
+from rendezvous.store.disk import Disk
+from rich.console import Console
+
+
+@dataclass(frozen=True)
+class Square:
+    value: int
+
+    def to_json(self) -> dict[str, int]:
+        return asdict(self)
+
+
+def _squares(numbers: Sequence[int]) -> list[Square]:
+    return [Square(number**2) for number in numbers]
+
+
+def _measured(folder, count: int, *, workers: int = 1, key: str = "a") -> tuple[list[int], str]:
+    """The outcomes, and what was told."""
+    told = io.StringIO()
+    measurement = Measurement(
+        command="square",
+        name="toy",
+        items_name="numbers",
+        measure=_squares,
+        from_json=lambda fields: Square(**fields),
+        key={"count": count, "key": key},
+    )
+    rows = measured(
+        measurement, range(count), cache=Disk(str(folder)), workers=workers, console=Console(file=told)
+    )
+    return [row.value for row in rows], told.getvalue()
+
+
+def test_outcomes_stand_in_the_order_of_their_items_whoever_made_them(tmp_path):
+    wanted = [number**2 for number in range(50)]
+    assert _measured(tmp_path, 50)[0] == wanted
+    assert _measured(tmp_path, 50, workers=2)[0] == wanted
+
+
+def test_the_same_is_kept_and_anything_else_made_anew(tmp_path):
+    first, told = _measured(tmp_path, 20)
+    assert "before" not in told
+    again, told = _measured(tmp_path, 20)
+    assert "square toy: 20 numbers, as measured before" in told
+    assert again == first
+    assert "before" not in _measured(tmp_path, 20, key="b")[1]
+
+
+def test_a_damaged_cache_is_made_anew(tmp_path):
+    _measured(tmp_path, 20)
+    (kept,) = tmp_path.iterdir()
+    kept.write_text('{"rows": [{"wrong": 1}]}')
+    found, told = _measured(tmp_path, 20)
+    assert "before" not in told
+    assert found == [number**2 for number in range(20)]

@@ -1,0 +1,69 @@
+from __future__ import annotations
+
+import io
+import json
+
+import pytest
+from rendezvous.commands.evaluate.report_folder import keep_evaluation, kept_metrics
+from rendezvous.errors import StoreError
+from rendezvous.evaluation.report.html_page import paragraph
+from rendezvous.evaluation.report.page import ReportPart, ReportSection
+from rendezvous.store.disk import Disk
+from rich.console import Console
+
+
+def _keep(folder, key: str, words: str) -> str:
+    """Keep an evaluation that tells some words; returns what the user was told."""
+    section = ReportSection(anchor="table", heading="Table", body=paragraph(words))
+    part = ReportPart(key=key, title=key, lead=paragraph(""), facts=(), sections=(section,))
+    told = io.StringIO()
+    keep_evaluation(Disk(str(folder)), part, {"words": words}, Console(file=told))
+    return told.getvalue()
+
+
+def test_an_evaluation_replaces_its_own_figures_and_its_own_part(tmp_path):
+    _keep(tmp_path, "frame_error", "old errors")
+    _keep(tmp_path, "fusion", "fused maps")
+    assert _keep(tmp_path, "frame_error", "new errors") == ""
+    assert json.loads((tmp_path / "metrics.json").read_text()) == {
+        "frame_error": {"words": "new errors"},
+        "fusion": {"words": "fused maps"},
+    }
+    page = (tmp_path / "index.html").read_text()
+    assert "old errors" not in page
+    assert 0 < page.index("new errors") < page.index("fused maps")
+
+
+@pytest.mark.parametrize("damage", ["", '{"format": 1, "ti', '{"format": 99}', None])
+def test_a_part_of_another_evaluation_that_cannot_be_shown_is_told_and_left_out(tmp_path, damage):
+    _keep(tmp_path, "frame_error", "errors")
+    name = tmp_path / "parts" / "frame_error.json"
+    name.unlink() if damage is None else name.write_text(damage)
+    told = _keep(tmp_path, "fusion", "fused maps")
+    assert told.startswith(f"report: warning: {name}: ")
+    assert told.endswith("; the page is without it until that evaluation is run again\n")
+    assert told.count("\n") == 1
+    page = (tmp_path / "index.html").read_text()
+    assert "fused maps" in page
+    assert "The evaluation “frame_error” was made" in page
+    assert _keep(tmp_path, "frame_error", "errors") == ""
+    assert "was made" not in (tmp_path / "index.html").read_text()
+
+
+def test_a_part_is_shown_though_the_figures_were_deleted(tmp_path):
+    _keep(tmp_path, "frame_error", "errors")
+    (tmp_path / "metrics.json").unlink()
+    _keep(tmp_path, "fusion", "fused maps")
+    assert "errors" in (tmp_path / "index.html").read_text()
+
+
+def test_damaged_figures_are_told_and_nothing_is_replaced(tmp_path):
+    _keep(tmp_path, "frame_error", "errors")
+    (tmp_path / "metrics.json").write_text('{"frame_error"')
+    before = (tmp_path / "index.html").read_bytes()
+    with pytest.raises(
+        StoreError, match=r"metrics\.json: damaged \(.*\); run the stage again once that file"
+    ):
+        _keep(tmp_path, "fusion", "fused maps")
+    assert (tmp_path / "index.html").read_bytes() == before
+    assert kept_metrics(Disk(str(tmp_path / "nowhere"))) == {}

@@ -1,0 +1,251 @@
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+pytest.importorskip("matplotlib")
+
+from rendezvous.errors import StoreError
+from rendezvous.evaluation.frame_error.gallery import panels
+from rendezvous.evaluation.frame_error.measured_row import Conditions, MeasuredRow, Training
+from rendezvous.evaluation.frame_error.report import FrameErrorContent, frame_error_part
+from rendezvous.evaluation.frame_error.report_gallery import Shown
+from rendezvous.evaluation.frame_error.summary import Comparison, comparisons, summary
+from rendezvous.evaluation.frame_error.tables import comparison_table, table_one
+from rendezvous.evaluation.frame_error.training_curve import TrainingCurve
+from rendezvous.evaluation.report.page import report_page
+from rendezvous.evaluation.statistics import Interval, resample_weights
+from rendezvous.geometry.se2 import SE2
+
+from tests.evaluation.pages import require_self_contained
+from tests.evaluation.toy_pairs import pairs_of, toy_outcomes, toy_pair, toy_sample
+
+CONDITIONS = Conditions(
+    split="test",
+    pairs=3,
+    plans=3,
+    data_digest="d" * 64,
+    perturbation_digest="p" * 64,
+    seed=0,
+    xy_range_m=2.0,
+    yaw_range_deg=45.0,
+    commit="c" * 40,
+    hardware="2 cores of <nothing>",
+)
+FALLING = TrainingCurve(
+    samples=np.arange(1.0, 21.0), position_m=1.0 / np.arange(1.0, 21.0), yaw_rad=np.ones(20), minutes=8.0
+)
+TRAINING = Training(
+    seed=4,
+    samples=12345,
+    minutes=8.0,
+    data="data/dataset",
+    pairs=9,
+    plans=3,
+    weights_digest="w",
+    curve=FALLING,
+)
+
+
+def _page(content: FrameErrorContent) -> str:
+    return report_page([frame_error_part(content)])
+
+
+def _row(name: str, outcomes, pairs, weights, training: Training | None = None) -> MeasuredRow:
+    return MeasuredRow(
+        method=name, conditions=CONDITIONS, summary=summary(outcomes, pairs, weights), training=training
+    )
+
+
+@pytest.fixture(scope="module")
+def content() -> FrameErrorContent:
+    toys = [toy_pair(plan) for plan in (3, 4, 5)]
+    pairs = pairs_of([pair.overlap for pair in toys])
+    weights = resample_weights(pairs.plan, rng=np.random.default_rng(0))
+    found = {
+        "orb": toy_outcomes(toys, off=SE2(0.4, 0.0, 0.0), failing=True),
+        "correlative": toy_outcomes(toys, off=SE2(0.05, 0.0, 0.0)),
+    }
+    rows = {name: _row(name, outcomes, pairs, weights) for name, outcomes in found.items()}
+    off = toy_outcomes(toys, off=SE2(0.1, 0.0, 0.0))
+    rows["vit-lie"] = _row("vit-lie", off, pairs, weights, TRAINING)
+    shown = panels(toys[0], toy_sample(toys[0]), found, 0)
+    return FrameErrorContent(
+        conditions=CONDITIONS,
+        found=found,
+        rows=rows,
+        pairs=pairs,
+        symmetry=None,
+        comparisons=comparisons(found, weights),
+        gallery=[Shown(pair_id=toys[0].pair_id, why="best", overlap=0.5, panels=tuple(shown))],
+        attention={"vit-lie": shown[:1]},
+        dataset="data/dataset",
+        versions={"numpy": "1"},
+    )
+
+
+@pytest.fixture(scope="module")
+def page(content) -> str:
+    return _page(content)
+
+
+def test_the_page_needs_nothing_but_itself(page):
+    anchors = require_self_contained(page)
+    assert "frame_error-table-1" in anchors
+
+
+def test_words_from_outside_are_escaped(page):
+    assert "2 cores of &lt;nothing&gt;" in page
+    assert "<nothing>" not in page
+
+
+def test_rows_that_nobody_trained_are_marked_and_hold_no_figure(page):
+    body = page.split("<tbody>")[1].split("</tbody>")[0]
+    lines = [line for line in body.split("<tr") if "not trained" in line]
+    assert len(lines) == 7
+    for line in lines:
+        printed = re.findall(r'<td class="number">(.*?)</td>', line)
+        assert set(printed) == {"–"}
+
+
+def test_a_recorded_row_tells_where_it_is_from_and_that_it_has_not_converged(page):
+    (line,) = [line for line in page.split("<tr") if 'badge recorded">recorded' in line]
+    assert "not converged" in line
+    assert "seed 4, 12,345 samples, 8.0 min" in line
+    assert "commit ccccccccc" in line
+    assert page.count('badge measured">measured') == 2
+
+
+def _source_of(content, row: MeasuredRow) -> str:
+    """The line of Table I on `vit-lie`."""
+    body = table_one({**content.rows, "vit-lie": row}, list(content.found)).text
+    (line,) = [line for line in body.split("<tr") if 'class="name source">ViT + Lie <' in line]
+    return line
+
+
+def test_without_a_curve_or_with_a_short_one_convergence_is_not_known(content):
+    short = replace(FALLING, samples=np.ones(2), position_m=np.ones(2), yaw_rad=np.ones(2))
+    for curve in (None, short):
+        row = replace(content.rows["vit-lie"], training=replace(TRAINING, curve=curve))
+        assert "convergence not known" in _source_of(content, row)
+        assert "not converged" not in _source_of(content, row)
+
+
+def test_a_recorded_row_tells_what_it_was_measured_on_where_that_differs(content):
+    row = content.rows["vit-lie"]
+    assert "3 pairs of test, data ddddddddd" in _source_of(content, row)
+    other = replace(row, conditions=replace(CONDITIONS, pairs=7, perturbation_digest="q" * 64))
+    assert "7 pairs of test, not the 3 of test measured here" in _source_of(content, other)
+    page = _page(replace(content, rows={**content.rows, "vit-lie": other}))
+    assert page.count("recorded, 7 pairs of test") == 3  # by overlap, calibration, time
+
+
+def test_plans_that_a_row_was_trained_on_are_told(content):
+    row = content.rows["vit-lie"]
+    assert "whether it was trained on these plans is not known" in _source_of(content, row)
+    assert "plans" not in _source_of(content, replace(row, plans_trained_on=0))
+    assert 'badge warning">trained on 2 of these 3 plans<' in _source_of(
+        content, replace(row, plans_trained_on=2)
+    )
+
+
+@pytest.mark.parametrize(
+    ("change", "name"),
+    [
+        ({}, "orb-2m-45deg.json"),
+        ({"split": "validation"}, "orb-2m-45deg-validation.json"),
+        ({"yaw_range_deg": 30.5}, "orb-2m-30.5deg.json"),
+    ],
+)
+def test_rows_that_are_not_comparable_have_names_of_their_own(change, name):
+    other = replace(CONDITIONS, **change)
+    assert other.file_name("orb") == name
+    assert other.comparable(CONDITIONS) == (not change)
+
+
+def test_the_best_of_each_column_is_marked_and_the_paper_stands_beside(page):
+    (line,) = [line for line in page.split("<tbody>")[1].split("<tr") if "Correlative" in line]
+    assert 'class="number best">0.050' in line
+    assert "0.425" in page.split("</table>")[0]
+    assert "0.05 m" in page
+
+
+@pytest.mark.parametrize(
+    ("mean", "missed"),
+    [
+        ((0.1, 0.1, 0.02), ()),
+        ((0.99, 0.95, 0.39), ("position", "heading")),
+        ((0.77, 0.76, 0.40), ("heading",)),
+        ((0.99, 0.95, 0.02), ("position",)),
+    ],
+)
+def test_a_network_at_the_error_of_answering_zero_has_not_learned(content, mean, missed):
+    row = content.rows["vit-lie"]
+    x, y, yaw = (Interval(value=value, low=value, high=value) for value in mean)
+    overall = replace(row.summary.overall, mean=(x, y, yaw))
+    row = replace(row, summary=replace(row.summary, overall=overall))
+    assert row.not_learned == missed
+    told = _source_of(content, row)
+    assert ("has not learned" in told) == bool(missed)
+    assert f"has not learned {' or '.join(missed)}<" in told or not missed
+
+
+def test_a_recorded_row_survives_json(content):
+    row = content.rows["vit-lie"]
+    row = replace(row, plans_trained_on=1)
+    after = MeasuredRow.from_json(row.to_json(), where="here")
+    older = {key: value for key, value in row.to_json().items() if key != "plans_trained_on"}
+    assert MeasuredRow.from_json(older, where="here").plans_trained_on is None
+    assert after.to_json() == row.to_json()
+    assert after.training.curve.minutes == 8.0
+
+
+@pytest.mark.parametrize("damage", [{"format": 9}, {"summary": {}}, {"conditions": {"split": "test"}}])
+def test_a_damaged_row_is_told(content, damage):
+    with pytest.raises(StoreError, match=r"^here: "):
+        MeasuredRow.from_json({**content.rows["orb"].to_json(), **damage}, where="here")
+
+
+def test_charts_are_left_out_where_there_is_nothing_to_draw(content):
+    orb = {"rows": {"orb": content.rows["orb"]}, "found": {"orb": content.found["orb"]}}
+    bare = _page(replace(content, **orb, attention={}, comparisons=[]))
+    assert "Error against training samples" not in bare
+    assert "What the transformer looks at" not in bare
+    assert "Who is better" not in bare
+
+
+def test_the_page_says_what_its_figures_do_not_show(page):
+    assert "told as well where the robots stood as one saw the other" in page
+    assert "Constants of the correlative search were chosen on pairs some of which are of test plans" in page
+    assert "each of the 3 intervals is of 95 % for itself" in page
+    sections = re.split(r'<section id="', page)
+    for name in ("table-1", "overlap", "calibration"):
+        (section,) = [section for section in sections if section.startswith(f"frame_error-{name}")]
+        assert "pairs of one floor plan are not: they are too narrow" in section
+
+
+def test_the_papers_hough_row_stands_presumably_beside_the_global_one(content):
+    row = content.rows["orb"]
+    body = table_one({"hough": row, "hough-global": row}, ["hough", "hough-global"]).text
+    window, everywhere = (line for line in body.split("<tr") if "Hough" in line)
+    assert "1.096<small>presumably</small>" in everywhere
+    assert "1.096" not in window
+
+
+def test_a_verdict_names_what_is_better_and_what_is_worse_beyond_doubt():
+    def interval(low: float, high: float) -> Interval:
+        return Interval(value=(low + high) / 2.0, low=low, high=high)
+
+    comparison = Comparison(
+        better="orb",
+        other="hough",
+        position_m=interval(-0.8, -0.1),
+        heading_rad=interval(0.1, 0.2),
+        success=interval(-0.2, 0.1),
+    )
+    assert "better in position; worse in heading<" in comparison_table([comparison]).text
+    unsure = replace(comparison, position_m=interval(-0.8, 0.1), heading_rad=interval(-0.1, 0.2))
+    assert "no difference beyond doubt" in comparison_table([unsure]).text

@@ -1,0 +1,36 @@
+from __future__ import annotations
+
+from rendezvous.evaluation.relative_pose.gallery import chosen_images
+from rendezvous.geometry.se2 import SE2
+
+from tests.evaluation.toy_poses import mode, outcomes, read_as, truth
+
+AHEAD = SE2(2.0, 0.0, 0.0)
+
+
+def _off(*error: float):
+    return read_as(mode(AHEAD @ SE2(*error).inverse()))
+
+
+def test_best_and_median_mind_the_heading_and_the_worst_are_of_both_kinds():
+    errors = [(0.01, 0.0, 3.0), (0.01, 0.0, 0.01), (0.02, 0.0, 0.02), (0.9, 0.0, 0.0), (0.03, 0.0, 0.03)]
+    found = outcomes([truth(i, AHEAD) for i in range(5)], [_off(*error) for error in errors])
+    chosen = chosen_images(found, each=2)
+    assert chosen[:2] == [("best", 1), ("best", 2)]
+    assert {number for why, number in chosen if why == "worst"} == {0, 3}
+
+
+def test_missed_and_false_ones_are_shown_the_most_visible_and_the_surest_first():
+    truths = [
+        truth(0, AHEAD, visibility=0.3),
+        truth(1, AHEAD, visibility=0.9),
+        truth(2, None),
+        truth(3, None),
+    ]
+    poses = [read_as(), read_as(), read_as(mode(AHEAD), score=0.6), read_as(mode(AHEAD), score=0.8)]
+    assert chosen_images(outcomes(truths, poses), each=1) == [("missed", 1), ("false detection", 3)]
+
+
+def test_no_image_is_shown_twice():
+    found = outcomes([truth(0, AHEAD)], [_off(0.1, 0.0, 0.1)])
+    assert chosen_images(found) == [("best", 0)]
