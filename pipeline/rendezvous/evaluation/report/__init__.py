@@ -1,0 +1,1 @@
+"""The page that holds all parts of a report."""
