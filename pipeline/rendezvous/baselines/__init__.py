@@ -1,0 +1,1 @@
+"""Classical estimators of the frame error: none, Hough spectrum, ORB, correlative search."""

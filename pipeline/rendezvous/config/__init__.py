@@ -1,0 +1,1 @@
+"""`stages.yaml`, presets and `--set`, read into typed sections."""

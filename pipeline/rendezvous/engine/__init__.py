@@ -1,0 +1,1 @@
+"""Runs independent tasks in this process, in worker processes or on Ray."""

@@ -1,0 +1,1 @@
+"""Errors and their statistics, figures, cards and the report."""

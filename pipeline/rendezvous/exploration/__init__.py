@@ -1,0 +1,1 @@
+"""Two robots explore a plan by frontiers until they meet."""

@@ -1,0 +1,1 @@
+"""Read, generate, validate and furnish floor plans; raise their walls."""

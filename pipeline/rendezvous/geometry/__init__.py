@@ -1,0 +1,1 @@
+"""The shared language: SE(2), cameras, cuboids, occupancy grids."""

@@ -1,0 +1,1 @@
+"""Formats of others: HouseExpo, ROS maps and cameras, DOPE, BOP."""

@@ -1,0 +1,1 @@
+"""Networks and their losses: the paper's, DOPE's, the matcher."""

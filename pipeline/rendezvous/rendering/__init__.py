@@ -1,1 +1,1 @@
-"""Pictures of furnished floor plans with a robot in them, and what is known about every pixel."""
+"""Images of furnished floor plans with a robot in them, and labels of every pixel."""

@@ -1,0 +1,1 @@
+"""The robot, its world in MuJoCo, drive, odometry noise and lidar."""

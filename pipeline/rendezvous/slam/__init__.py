@@ -1,0 +1,1 @@
+"""Odometry, scan matching and mapping: a robot's own map."""

@@ -1,1 +1,1 @@
-"""The only disk access for datasets: atomic shards, manifests, resume, on local disks or object storage."""
+"""The only disk access for datasets: atomic shards, manifests, resume; folders or object storage."""

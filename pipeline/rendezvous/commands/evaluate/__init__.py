@@ -1,0 +1,1 @@
+"""Measure trained and classical methods; write the report."""

@@ -1,0 +1,1 @@
+"""Write pairs, images and plans in the formats of other programs."""

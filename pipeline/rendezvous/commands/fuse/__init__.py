@@ -1,0 +1,1 @@
+"""Two maps and a sighting become one map: the command and its Python call."""

@@ -1,0 +1,1 @@
+"""How well frame errors are estimated: the report's part and its figures."""

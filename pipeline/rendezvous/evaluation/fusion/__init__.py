@@ -1,0 +1,1 @@
+"""How well whole fusions do: the report's part and its figures."""

@@ -1,0 +1,1 @@
+"""Contact sheets and drawings of maps, plans and images."""

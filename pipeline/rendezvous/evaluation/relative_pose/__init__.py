@@ -1,0 +1,1 @@
+"""How well relative poses are read from images: the report's part and its figures."""

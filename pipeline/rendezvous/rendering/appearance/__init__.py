@@ -1,0 +1,1 @@
+"""Materials, textures and light, drawn at random."""

@@ -1,0 +1,1 @@
+"""Draws scenes without a screen, through pyrender's context."""

@@ -1,0 +1,1 @@
+"""What the stages that make the dataset share."""

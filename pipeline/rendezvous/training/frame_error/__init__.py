@@ -1,0 +1,1 @@
+"""Samples of map pairs: frame errors, map defects, batches."""

@@ -1,0 +1,1 @@
+"""Samples of robot images: crops, label maps, augmentation, batches."""
