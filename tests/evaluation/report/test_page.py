@@ -4,10 +4,10 @@ import json
 from dataclasses import replace
 
 import pytest
-
 from rendezvous.errors import StoreError
 from rendezvous.evaluation.report.html_page import Html, paragraph
 from rendezvous.evaluation.report.page import PARTS, ReportPart, ReportSection, report_page
+
 from tests.evaluation.pages import require_self_contained
 
 
