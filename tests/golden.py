@@ -22,19 +22,15 @@ import mujoco
 import numba as nb
 import numpy as np
 from rendezvous.config.load import load_config
+from rendezvous.config.stage_table import DATASET_STAGES
 from rendezvous.engine.pool import Engine
 from rendezvous.engine.run import Run
-from rendezvous.stages.explore import explore
-from rendezvous.stages.floorplans import floorplans
-from rendezvous.stages.meshes import meshes
-from rendezvous.stages.pack import pack
-from rendezvous.stages.render import render
+from rendezvous.stages import stage_function
 from rendezvous.store.read import StageReader
 from rich.console import Console
 
 GOLDEN = Path(__file__).with_name("golden.json")
 STAGES_YAML = Path(__file__).parents[1] / "stages.yaml"
-STAGES = {"floorplans": floorplans, "meshes": meshes, "explore": explore, "render": render, "pack": pack}
 
 _ROW = ("pair_id", "t_s", "T_w_m0", "T_w_m1", "T_m0_m1", "overlap", "slam_position_error_0_m")
 
@@ -48,14 +44,14 @@ def make(data: str) -> Run:
         engine=Engine.INLINE,
         console=Console(file=io.StringIO()),
     )
-    for stage in STAGES.values():
-        stage(run)
+    for stage in DATASET_STAGES:
+        stage_function(stage)(run)
     return run
 
 
 def values(run: Run) -> dict[str, Any]:
     """What is compared."""
-    readers = {stage: run.read(stage) for stage in STAGES}
+    readers = {stage: run.read(stage) for stage in DATASET_STAGES}
     return {
         "probe": probe(),
         "plans": {row["plan_id"]: row["plan_digest"] for row in readers["floorplans"].rows()},

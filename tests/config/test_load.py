@@ -9,6 +9,7 @@ import pytest
 import yaml
 from rendezvous.config.load import load_config
 from rendezvous.config.sections import Parameters
+from rendezvous.config.stage_table import DATASET_STAGES, STAGES
 from rendezvous.errors import ConfigError
 
 from tests.conftest import ROOT
@@ -43,18 +44,17 @@ def test_every_preset_loads(preset: str):
     assert load_config(STAGES_YAML, preset=preset).floorplans.generate.count > 0
 
 
-def test_the_stages_are_in_flow_order_and_read_what_was_written_above():
-    stages = load_config(STAGES_YAML).stages
-    assert list(stages) == ["floorplans", "meshes", "explore", "render", "pack", "train", "train_pose"]
-    assert [stage.reads for stage in stages.values()] == [
-        (),
-        ("floorplans",),
-        ("meshes",),
-        ("meshes", "explore"),
-        ("explore", "render"),
-        ("pack",),
-        ("pack",),
-    ]
+def test_a_stage_is_named_in_one_table_that_file_parameters_and_modules_follow():
+    file = load_config(STAGES_YAML).stages
+    assert list(file) == list(STAGES) == [name for name in Parameters.model_fields if name != "seed"]
+    assert {name: stage.reads for name, stage in file.items()} == {n: s.reads for n, s in STAGES.items()}
+    modules = {path.stem: path for path in (ROOT / "pipeline" / "rendezvous" / "stages").glob("*.py")}
+    assert modules.keys() == {*STAGES, "__init__"}
+    assert all(f"\ndef {name}(run: Run" in modules[name].read_text() for name in STAGES)
+
+
+def test_a_dataset_is_made_by_the_stages_up_to_pack():
+    assert DATASET_STAGES == ("floorplans", "meshes", "explore", "render", "pack")
 
 
 def test_a_preset_overrides_the_parameters_and_set_overrides_both():
@@ -195,8 +195,7 @@ def test_a_stage_reads_what_its_code_reads(edited, reads: str):
 def test_the_configuration_knows_what_each_stages_code_reads():
     for stage in load_config(STAGES_YAML).stages:
         code = (ROOT / "pipeline" / "rendezvous" / "stages" / f"{stage}.py").read_text()
-        upstream = Parameters.model_fields[stage].annotation.upstream
-        assert set(re.findall(r'run\.read\("(\w+)"\)', code)) == set(upstream)
+        assert set(re.findall(r'run\.read\("(\w+)"\)', code)) == set(STAGES[stage].reads)
 
 
 @pytest.mark.parametrize(

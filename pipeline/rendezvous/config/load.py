@@ -7,7 +7,8 @@ from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
-from rendezvous.config.sections import Parameters, StageSection
+from rendezvous.config.sections import Parameters
+from rendezvous.config.stage_table import STAGES
 from rendezvous.config.strict_section import Section, validated_section
 from rendezvous.config.strict_yaml import load_file, load_value
 from rendezvous.errors import ConfigError
@@ -71,7 +72,10 @@ def load_config(
 
 
 def _check_flow(stages: Mapping[str, StageLinks], file: str) -> None:
-    """See that each stage follows those that its code reads, and has a folder of its own."""
+    """Check that each stage reads what its code reads, after it was made, and has a folder of its own.
+
+    A name that is no stage's is an error of its parameters.
+    """
     known: list[str] = []
     folders: dict[str, str] = {}
     for name, stage in stages.items():
@@ -80,15 +84,15 @@ def _check_flow(stages: Mapping[str, StageLinks], file: str) -> None:
                 f"{file}: stages.{name}.writes is {stage.writes!r:.60}; must be one folder's plain name: "
                 "small letters, digits, '-' and '_'"
             )
-        section = _section(name)
-        shared = section is not None and section.beside_data
+        entry = STAGES.get(name)
+        shared = entry is not None and entry.beside_data
         if not shared and (other := folders.setdefault(stage.writes, name)) != name:
             raise ConfigError(
                 f"{file}: stages.{name}.writes is {stage.writes!r}, as is {other}'s; each stage needs its own"
             )
-        if section is not None and set(stage.reads) != set(section.upstream):
+        if entry is not None and set(stage.reads) != set(entry.reads):
             raise ConfigError(
-                f"{file}: stages.{name}.reads is {list(stage.reads)}; must be {list(section.upstream)}, "
+                f"{file}: stages.{name}.reads is {list(stage.reads)}; must be {list(entry.reads)}, "
                 "which is what its code reads"
             )
         for upstream in stage.reads:
@@ -98,13 +102,6 @@ def _check_flow(stages: Mapping[str, StageLinks], file: str) -> None:
                     f"{file}: stages.{name}.reads has {upstream!r}; the stages above it are {above}"
                 )
         known.append(name)
-
-
-def _section(stage: str) -> type[StageSection] | None:
-    """The section of a stage; None if there is no such stage, which is told where its parameters are."""
-    field = Parameters.model_fields.get(stage)
-    section = field.annotation if field is not None else None
-    return section if isinstance(section, type) and issubclass(section, StageSection) else None
 
 
 def _preset(file: _StagesFile, preset: str, path: str) -> dict[str, Any]:

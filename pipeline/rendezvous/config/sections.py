@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection
-from typing import Annotated, Any, ClassVar, Self
+from typing import Annotated, Any, Self
 
 from pydantic import Field, model_validator
 
@@ -29,15 +29,7 @@ class StageSection(Section):
 
     Fields are numbers, strings, lists, or frozen dataclasses of the rooms; what bounds a value is written
     in its type. `stages.yaml` holds the values.
-
-    Attributes:
-        upstream: the stages whose output the stage's code reads.
-        beside_data: whether it writes to the working folder, as what it makes outlives the data; several may
-            share a folder there, in which each run has its own.
     """
-
-    upstream: ClassVar[tuple[str, ...]] = ()
-    beside_data: ClassVar[bool] = False
 
     @classmethod
     def stage(cls) -> str:
@@ -89,7 +81,6 @@ class MeshesSection(StageSection):
         plans_per_shard: at most as many as a shard of `floorplans` has.
     """
 
-    upstream = ("floorplans",)
     wall_height_m: Positive
     robot: str
     furniture_density: Annotated[float, Field(ge=0, le=3)]
@@ -108,7 +99,6 @@ class ExploreSection(StageSection):
         episode: how long an episode runs, what is recorded, noise, exploration, SLAM.
     """
 
-    upstream = ("meshes",)
     plans_per_shard: PositiveInt
     episodes_per_plan: PositiveInt
     robot: str
@@ -133,7 +123,6 @@ class RenderSection(StageSection):
         draws: shares and ranges of what is drawn at random.
     """
 
-    upstream = ("meshes", "explore")
     plans_per_shard: PositiveInt
     views: bool
     poses_per_plan: Annotated[int, Field(ge=0)]
@@ -154,7 +143,6 @@ class PackSection(StageSection):
             training.
     """
 
-    upstream = ("explore", "render")
     rows_per_file: PositiveInt
     validation_fraction: Share
     test_fraction: Share
@@ -180,8 +168,6 @@ class TrainingSection(StageSection):
         optimisation: batches, learning rate, precision.
     """
 
-    upstream = ("pack",)
-    beside_data = True
     settings: dict[str, Any]
     minutes: Positive | None
     samples: PositiveInt | None

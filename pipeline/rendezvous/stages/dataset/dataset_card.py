@@ -5,13 +5,13 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from rendezvous.config.stage_table import DATASET_STAGES
 from rendezvous.engine.run import Run
 from rendezvous.evaluation.dataset.card import dataset_card, overlap_chart
 from rendezvous.evaluation.dataset.sampling import evenly_by, rows_at
@@ -93,8 +93,7 @@ def _poses_picture(run: Run, poses: pa.Table) -> bytes:
 
 def _manifests(run: Run) -> dict[str, Manifest | None]:
     """Of the stages before, None where their output is gone."""
-    stages = takewhile(lambda stage: stage != "pack", run.config.stages)
-    return {stage: read_manifest(Disk(run.folder(stage))) for stage in stages}
+    return {stage: read_manifest(Disk(run.folder(stage))) for stage in DATASET_STAGES if stage != "pack"}
 
 
 def _parameters(manifests: Mapping[str, Manifest | None]) -> dict[str, Any]:
