@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import math
 
-import numba as nb
 import numpy as np
 
+from rendezvous.compiled import njit
 from rendezvous.geometry.occupancy_grid import Cells, Mask
 
 HIDDEN_CELL, OPEN_CELL, ROBOT_CELL = 0, 1, 2
@@ -39,7 +39,7 @@ def seen_from(
     return out
 
 
-@nb.njit(cache=True)
+@njit
 def _look_in_place(out: Cells, occupied: Mask, col: float, row: float, reach: float, radius: float) -> None:
     """Rays to all sides in half-cell steps; their ends lie less than a cell apart."""
     size = out.shape[0]

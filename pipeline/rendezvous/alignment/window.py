@@ -11,10 +11,10 @@ import math
 from dataclasses import dataclass, replace
 from functools import reduce
 
-import numba as nb
 import numpy as np
 
 from rendezvous.alignment.sight import seen_from
+from rendezvous.compiled import njit
 from rendezvous.geometry.occupancy_grid import FREE, OCCUPIED, Cells, OccupancyGrid
 from rendezvous.geometry.se2 import SE2, Array
 
@@ -129,7 +129,7 @@ def map_window(
     return MapWindow(cells=channels, cell_m=cell_m, sight=np.stack(sight))
 
 
-@nb.njit(cache=True)
+@njit
 def _draw_in_place(out: Cells, source: Cells, T_g_w: Array, cell_m: float, resolution_m: float) -> None:
     size, (height, width) = out.shape[0], source.shape
     c, s = math.cos(T_g_w[2]), math.sin(T_g_w[2])

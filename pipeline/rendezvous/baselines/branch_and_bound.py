@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numba as nb
 import numpy as np
 
 from rendezvous.baselines.correlation import (
@@ -22,6 +21,7 @@ from rendezvous.baselines.correlation import (
     Scores,
     add_scores_in_place,
 )
+from rendezvous.compiled import njit
 from rendezvous.geometry.se2 import wrap_angle
 
 Box = tuple[int, int, int, int]
@@ -119,7 +119,7 @@ def _best_of_block(
     return None if at_row < 0 else ScoredCell(score=score, heading=heading, row=at_row, col=at_col)
 
 
-@nb.njit(cache=True)
+@njit
 def _best_in_block(
     fields: tuple[Field, Field],
     walls: tuple[Points, Points],
@@ -143,7 +143,7 @@ def _best_in_block(
     return best, best_row, best_col
 
 
-@nb.njit(cache=True)
+@njit
 def _block_maxima(field: Field) -> Field:
     """(R, BLOCK, C / BLOCK): the largest of the BLOCK x BLOCK values from (row, col) on, at
     [row, col % BLOCK, col // BLOCK], so that steps of a whole block along a row lie side by side."""
@@ -165,7 +165,7 @@ def _block_maxima(field: Field) -> Field:
     return out
 
 
-@nb.njit(cache=True)
+@njit
 def _add_bounds_in_place(bounds: Scores, maxima: Field, points: Points) -> None:
     rows, cols = bounds.shape
     for i in range(len(points)):

@@ -13,11 +13,11 @@ import math
 from dataclasses import dataclass
 
 import cv2
-import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
 from rendezvous.alignment.window import FREE_CELL, OCCUPIED_CELL, MapWindow, SearchRange
+from rendezvous.compiled import njit
 from rendezvous.geometry.occupancy_grid import Cells
 from rendezvous.geometry.se2 import SE2, Array
 
@@ -141,7 +141,7 @@ def _padded(size: int) -> int:
     return BLOCK * (-(-size // BLOCK) + LANES)
 
 
-@nb.njit(cache=True)
+@njit
 def _turn_field_in_place(out: Field, field: Field, yaw_rad: float, first_row: int, first_col: int) -> None:
     """Nearest cell of the field at R_ψ u, for u from that row and column on."""
     size, half = field.shape[0], 0.5 * field.shape[0]
@@ -156,7 +156,7 @@ def _turn_field_in_place(out: Field, field: Field, yaw_rad: float, first_row: in
                 line[col] = field[row_1, col_1]
 
 
-@nb.njit(cache=True)
+@njit
 def _turned_walls(centres: Array, size: int, yaw_rad: float, reach: int) -> Points:
     """The distinct cells into which walls fall when turned by -ψ, mirrored, and counted as in `field_0`."""
     c, s, end = math.cos(yaw_rad), math.sin(yaw_rad), size + 2 * reach
@@ -173,7 +173,7 @@ def _turned_walls(centres: Array, size: int, yaw_rad: float, reach: int) -> Poin
     return out[:count]
 
 
-@nb.njit(cache=True)
+@njit
 def add_scores_in_place(out: Scores, field: Field, points: Points, row: int, col: int) -> None:
     """Add `Σ field[point + shift]` for the shifts (rows, cols) from this row and column on."""
     rows, cols = out.shape

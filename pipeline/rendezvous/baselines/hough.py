@@ -11,11 +11,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import numba as nb
 import numpy as np
 
 from rendezvous.alignment.estimate import Estimate
 from rendezvous.alignment.window import OCCUPIED_CELL, UNKNOWN_CELL, MapWindow, SearchRange
+from rendezvous.compiled import njit
 from rendezvous.geometry.occupancy_grid import Cells
 from rendezvous.geometry.se2 import SE2, Array, wrap_angle
 
@@ -117,7 +117,7 @@ def _profile_shift(moving_m: Array, fixed_m: Array, cell_m: float, limit_m: floa
     return float(shifts_m[match.argmax()])
 
 
-@nb.njit(cache=True)
+@njit
 def _hough_transform(walls_m: Array, directions: int, distances: int, reach_m: float) -> Array:
     """(directions, distances): walls on each line, by the direction of its normal and its distance."""
     counts = np.zeros((directions, distances))
@@ -130,7 +130,7 @@ def _hough_transform(walls_m: Array, directions: int, distances: int, reach_m: f
     return counts
 
 
-@nb.njit(cache=True)
+@njit
 def _agreement(cells: Cells, theta: Array, cell_m: float) -> float:
     size, half = cells.shape[1], 0.5 * cells.shape[1]
     c, s = math.cos(theta[2]), math.sin(theta[2])

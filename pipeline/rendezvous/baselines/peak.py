@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import numba as nb
 import numpy as np
 
 from rendezvous.alignment.window import OCCUPIED_CELL, MapWindow
 from rendezvous.baselines.correlation import SCORE_SCALE, Field, likelihood_field
+from rendezvous.compiled import njit
 from rendezvous.geometry.se2 import SE2, Array
 
 
@@ -96,7 +96,7 @@ def motion_scores(thetas: Array, window: MapWindow, *, blur_m: float, free_penal
     return total / SCORE_SCALE
 
 
-@nb.njit(cache=True)
+@njit
 def _scores(motions: Array, field: Field, points_m: Array, cell_m: float) -> Array:
     """(M,): for each motion, the sum of the field at the moved points (P, 2)."""
     size, centre = field.shape[0], 0.5 * field.shape[0] - 0.5

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 
-import numba as nb
 import numpy as np
 
+from rendezvous.compiled import njit
 from rendezvous.exploration.explorer import Explorer
 from rendezvous.exploration.records import Episode, EpisodeParameters, Event, Snapshot
 from rendezvous.exploration.rendezvous import Sighting, sight
@@ -203,7 +203,7 @@ class _Run:
         self._next_event_m = [robot.travelled_m + self._p.event_gap_m for robot in self._robots]
 
 
-@nb.njit(cache=True)
+@njit
 def _poses_along(knots: Array, count: int, x_m: float) -> Array:
     """(count, 3): poses of a point at x on the robot's axis, evenly spaced in time over the knots (K, 3)."""
     poses = np.empty((count, 3))

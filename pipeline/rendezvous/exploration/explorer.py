@@ -8,9 +8,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import numba as nb
 import numpy as np
 
+from rendezvous.compiled import njit
 from rendezvous.errors import require_within
 from rendezvous.exploration.frontier import PlanningMap, Reach, frontiers, path_m, planning_map, reach
 from rendezvous.geometry.se2 import Array
@@ -72,7 +72,7 @@ _SHUN_S = 30.0
 _FORESIGHT_S = (0.2, 0.4, 0.6, 0.8)
 
 
-@nb.njit(cache=True)
+@njit
 def _pursued(path_m: Array, pose: Array, lookahead_m: float) -> tuple[int, int]:
     """Indices of the point of the path (N, 2) nearest to the robot, and of the one to steer for."""
     nearest, best2 = 0, np.inf
@@ -87,7 +87,7 @@ def _pursued(path_m: Array, pose: Array, lookahead_m: float) -> tuple[int, int]:
     return nearest, path_m.shape[0] - 1
 
 
-@nb.njit(cache=True)
+@njit
 def _keeps_clear(points_m: Array, scan_r: Array, speed: float, turn: float, clear_m: float) -> bool:
     """Whether r, driving on with this twist, comes no nearer than `clear_m` to points it is approaching.
 

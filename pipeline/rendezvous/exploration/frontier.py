@@ -7,10 +7,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
-import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
+from rendezvous.compiled import njit
 from rendezvous.geometry.se2 import SE2, Array
 
 BLOCK = 2
@@ -63,7 +63,7 @@ class PlanningMap:
         return min(max(row, 0), height - 1), min(max(col, 0), width - 1)
 
 
-@nb.njit(cache=True)
+@njit
 def _coarsen(log_odds: NDArray[np.float32], occupied: float, free: float) -> NDArray[np.uint8]:
     """Occupied if any fine cell is, free if half of them are; one unknown cell of margin all round."""
     height = (log_odds.shape[0] + BLOCK - 1) // BLOCK
@@ -104,7 +104,7 @@ def _clearance(cells: NDArray[np.uint8], cell_m: float) -> NDArray[np.float32]:
     return np.asarray(cells_away, np.float32) * np.float32(cell_m)
 
 
-@nb.njit(cache=True)
+@njit
 def _costs(
     cells: NDArray[np.uint8],
     clearance_m: NDArray[np.float32],
@@ -167,7 +167,7 @@ def _costs(
     return cost.reshape(height, width), parent
 
 
-@nb.njit(cache=True)
+@njit
 def _frontiers(
     cells: NDArray[np.uint8], cost: NDArray[np.int32], least: int
 ) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
@@ -210,7 +210,7 @@ def _frontiers(
     return found[:count], sizes[:count]
 
 
-@nb.njit(cache=True, inline="always")
+@njit(inline="always")
 def _is_frontier(cells: NDArray[np.uint8], cost: NDArray[np.int32], row: int, col: int) -> bool:
     if not (0 < row < cells.shape[0] - 1 and 0 < col < cells.shape[1] - 1):
         return False

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
+from rendezvous.compiled import njit
 from rendezvous.geometry.camera import se3_from_se2
 from rendezvous.geometry.se2 import SE2, Array
 from rendezvous.simulation.robot import Cuboid, RobotSpec
@@ -115,7 +115,7 @@ def _widest_bearing(observer: RobotSpec, T_r0_r1: SE2) -> float:
     return half_view + mount + (math.asin(0.5 / distance_m) if distance_m > 0.5 else math.pi)
 
 
-@nb.njit(cache=True)
+@njit
 def _blocked(
     eye: Array, points: Array, segments_m: Array, bottoms_m: Array, tops_m: Array, circles_m: Array
 ) -> NDArray[np.bool_]:

@@ -6,10 +6,10 @@ A rectangle or box is x, y, yaw [rad], half_x, half_y; a cylinder the same with 
 
 from __future__ import annotations
 
-import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
+from rendezvous.compiled import njit
 from rendezvous.geometry.se2 import Array
 
 Mask = NDArray[np.uint8]
@@ -21,7 +21,7 @@ VACANT, WALL, DOORWAY, FURNITURE = 0, 1, 2, 3
 HALF_DIAGONAL = 0.71
 
 
-@nb.njit(cache=True)
+@njit
 def first_vacant(taken: Mask, rectangles: Array, first: int, slack: float) -> int:
     """Index, from `first` on, of a rectangle (N, 5) with nothing in its place; N if there is none.
 
@@ -49,7 +49,7 @@ def first_vacant(taken: Mask, rectangles: Array, first: int, slack: float) -> in
     return len(rectangles)
 
 
-@nb.njit(cache=True)
+@njit
 def furnish_in_place(taken: Mask, rectangle: Array) -> None:
     """Mark every cell that a rectangle (5,) touches as taken by furniture."""
     x, y, yaw, half_x, half_y = rectangle
@@ -63,7 +63,7 @@ def furnish_in_place(taken: Mask, rectangle: Array) -> None:
                 taken[row, col] = FURNITURE
 
 
-@nb.njit(cache=True)
+@njit
 def admit_in_place(
     reachable: Mask,
     region_of_cell: Regions,
@@ -117,7 +117,7 @@ def admit_in_place(
     return True
 
 
-@nb.njit(cache=True)
+@njit
 def _count_losses_in_place(
     lost: NDArray[np.int64],
     before: Mask,
@@ -144,7 +144,7 @@ def _count_losses_in_place(
     return pocket
 
 
-@nb.njit(cache=True)
+@njit
 def _window(shape: tuple[int, int], rectangle: Array, margin: float) -> tuple[int, int, int, int]:
     """First row, last row + 1, first column, last column + 1 of the cells around a rectangle (5,)."""
     x, y, yaw, half_x, half_y = rectangle
@@ -155,7 +155,7 @@ def _window(shape: tuple[int, int], rectangle: Array, margin: float) -> tuple[in
     return row0, row1, col0, col1
 
 
-@nb.njit(cache=True)
+@njit
 def _clear_in_place(
     cells: Mask, row0: int, col0: int, solid: Array, clearance: float, is_cylinder: bool
 ) -> None:
@@ -177,7 +177,7 @@ def _clear_in_place(
                 cells[row, col] = 0
 
 
-@nb.njit(cache=True)
+@njit
 def _components(cells: Mask) -> tuple[NDArray[np.int32], NDArray[np.bool_]]:
     """4-connected components, numbered from 1, and which of them touch the rim."""
     height, width = cells.shape
@@ -205,7 +205,7 @@ def _components(cells: Mask) -> tuple[NDArray[np.int32], NDArray[np.bool_]]:
     return labels, leaves[: count + 1]
 
 
-@nb.njit(cache=True)
+@njit
 def _joined_outside(
     reachable: Mask, labels: NDArray[np.int32], leaves: NDArray[np.bool_], row0: int, col0: int
 ) -> bool:

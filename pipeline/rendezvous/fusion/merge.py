@@ -16,11 +16,11 @@ import math
 from dataclasses import dataclass
 from enum import StrEnum
 
-import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import expit
 
+from rendezvous.compiled import njit
 from rendezvous.errors import MapError, require_within
 from rendezvous.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN, Cells, OccupancyGrid
 from rendezvous.geometry.se2 import SE2, Array
@@ -200,7 +200,7 @@ def _corners(grid: OccupancyGrid, T_m0_g: SE2) -> Array:
     return T_m0_g @ np.array([[0.0, 0.0], [width_m, 0.0], [width_m, height_m], [0.0, height_m]])
 
 
-@nb.njit(cache=True)
+@njit
 def _resampled(source: Cells, T_s_g: Array, resolutions_m: Array, shape: tuple[int, int]) -> Cells:
     """(H, W) the source's cells on another grid g, whose pose in the source's corner frame s is given.
 

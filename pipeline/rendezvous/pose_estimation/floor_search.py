@@ -7,9 +7,9 @@ then stand above or below the floor counts against it as much as the camera may 
 
 from __future__ import annotations
 
-import numba as nb
 import numpy as np
 
+from rendezvous.compiled import njit
 from rendezvous.geometry.occupancy_grid import Mask
 from rendezvous.geometry.se2 import Array
 from rendezvous.pose_estimation.dope_labels import Maps
@@ -97,7 +97,7 @@ def _heights(sighting: Sighting, rays_c: Array) -> Array:
     return np.column_stack([up, np.full(len(up), sighting.T_r0_c[2, 3])])
 
 
-@nb.njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _scores(  # type: ignore[no-untyped-def]
     gain_9hw, rays_A3, channel_A, turned_H93, depths_D, to_cells, heights_A2, z_9
 ):

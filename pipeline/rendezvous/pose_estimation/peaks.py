@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
+from rendezvous.compiled import njit
 from rendezvous.geometry.se2 import Array
 from rendezvous.pose_estimation.dope_labels import Maps
 
@@ -63,7 +63,7 @@ def belief_peaks(
     return Peaks(channel_P=channel_P[kept], uv_cells_P2=found[kept, 1:3], height_P=found[kept, 3])
 
 
-@nb.njit(cache=True)
+@njit
 def _maxima(belief_Chw, sigma, kernel, least_height):  # type: ignore[no-untyped-def]
     """(P, 4) float64: channel, column, row, height."""
     channels, height, width = belief_Chw.shape
@@ -82,7 +82,7 @@ def _maxima(belief_Chw, sigma, kernel, least_height):  # type: ignore[no-untyped
     return out
 
 
-@nb.njit(cache=True)
+@njit
 def _is_maximum(belief, row, col):  # type: ignore[no-untyped-def]
     """Of its 3x3 cells; of two that are equal the first."""
     height, width = belief.shape
@@ -95,7 +95,7 @@ def _is_maximum(belief, row, col):  # type: ignore[no-untyped-def]
     return True
 
 
-@nb.njit(cache=True)
+@njit
 def _fit(belief, row, col, sigma, kernel):  # type: ignore[no-untyped-def]
     """Sub-cell column, row and height of the maximum at a cell."""
     height, width = belief.shape

@@ -8,10 +8,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import cv2
-import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
+from rendezvous.compiled import njit
 from rendezvous.errors import PipelineError
 from rendezvous.rendering.appearance.colour import blackbody_rgb, linear_from_srgb, srgb_from_linear
 
@@ -185,7 +185,7 @@ def _words(rng: np.random.Generator, shape: tuple[int, ...]) -> Words:
     return rng.integers(2**32, size=shape, dtype=np.uint32)
 
 
-@nb.njit(inline="always")
+@njit(inline="always")
 def normal_of(word: np.uint32) -> np.float32:
     """About a standard normal draw, within 3.45: the sum of a random word's four bytes.
 
@@ -203,7 +203,7 @@ def _compressed(rgb: Image, quality: int) -> Image:
     return np.asarray(decoded, np.uint8)
 
 
-@nb.njit(cache=True, fastmath=True)
+@njit(fastmath=True)
 def _exposed(
     linear: Floats,
     grey: Words,

@@ -6,12 +6,12 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import mujoco
 import numpy as np
 
 from rendezvous.errors import require_within
 from rendezvous.floorplan.records import Solid
 from rendezvous.geometry.se2 import SE2, Array
+from rendezvous.simulation.headless_mujoco import mujoco
 from rendezvous.simulation.nearby import Nearby, Slots
 from rendezvous.simulation.robot import CONTROL_HZ, RobotSpec
 from rendezvous.simulation.world import TIMESTEP_S, Drive, scene_mjcf

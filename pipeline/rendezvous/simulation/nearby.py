@@ -6,11 +6,11 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-import mujoco
 import numpy as np
 
 from rendezvous.floorplan.records import Shape, Solid
 from rendezvous.geometry.se2 import Array
+from rendezvous.simulation.headless_mujoco import mujoco
 from rendezvous.simulation.world import SLOT_Z_M
 
 CELL_M = 0.25

@@ -9,10 +9,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
+from rendezvous.compiled import njit
 from rendezvous.geometry.se2 import Array
 
 CELL_M = 0.25
@@ -60,7 +60,7 @@ def ray_scene(segments_m: Array, circles_m: Array) -> RayScene:
     )
 
 
-@nb.njit(cache=True)
+@njit
 def _touches_cell(s: Array, x0: float, y0: float, x1: float, y1: float) -> bool:
     """Separating axes of segment and cell, with a micrometre of slack for rays along cell borders."""
     e = 1e-6
@@ -74,7 +74,7 @@ def _touches_cell(s: Array, x0: float, y0: float, x1: float, y1: float) -> bool:
     return abs(nx * 0.5 * (x0 + x1) + ny * 0.5 * (y0 + y1) - c) <= reach
 
 
-@nb.njit(cache=True)
+@njit
 def _bucket(
     segments_m: Array, circles_m: Array, origin_m: Array, rows: int, cols: int
 ) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
@@ -113,7 +113,7 @@ def _bucket(
     return starts, items
 
 
-@nb.njit(cache=True, inline="always")
+@njit(inline="always")
 def _ray_segment(ox: float, oy: float, dx: float, dy: float, s: Array) -> float:
     """Distance along the ray to the segment, inf for a miss."""
     ex, ey = s[2] - s[0], s[3] - s[1]
@@ -126,7 +126,7 @@ def _ray_segment(ox: float, oy: float, dx: float, dy: float, s: Array) -> float:
     return t if t >= 0.0 and -1e-12 <= u <= 1.0 + 1e-12 else np.inf
 
 
-@nb.njit(cache=True, inline="always")
+@njit(inline="always")
 def _ray_circle(ox: float, oy: float, dx: float, dy: float, x: float, y: float, r: float) -> float:
     """Distance along the ray to the circle's near side, inf for a miss or an origin inside it."""
     px, py = x - ox, y - oy
@@ -138,7 +138,7 @@ def _ray_circle(ox: float, oy: float, dx: float, dy: float, x: float, y: float, 
     return t if t >= 0.0 else np.inf
 
 
-@nb.njit(cache=True)
+@njit
 def _enter(gx: float, gy: float, dx: float, dy: float, cols: int, rows: int) -> float:
     """Distance [cells] along the ray to the grid of cells, inf if it passes by."""
     near, far = 0.0, np.inf
@@ -152,7 +152,7 @@ def _enter(gx: float, gy: float, dx: float, dy: float, cols: int, rows: int) -> 
     return near if near <= far else np.inf
 
 
-@nb.njit(cache=True)
+@njit
 def _cast_one(
     ox: float,
     oy: float,
@@ -207,7 +207,7 @@ def _cast_one(
     return best if best <= max_range_m else np.inf
 
 
-@nb.njit(cache=True)
+@njit
 def _cast_sweep(
     poses_w: Array,
     bearings_rad: Array,

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
+from rendezvous.compiled import njit
 from rendezvous.errors import require_within
 from rendezvous.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from rendezvous.geometry.se2 import SE2, Array
@@ -44,7 +44,7 @@ class MappingParameters:
         )  # fmt: skip
 
 
-@nb.njit(cache=True)
+@njit
 def _trace(
     x0: float,
     y0: float,
@@ -82,7 +82,7 @@ def _trace(
             next_r += delta_r
 
 
-@nb.njit(cache=True)
+@njit
 def _integrate(
     points_m: Array,
     origins_m: Array,

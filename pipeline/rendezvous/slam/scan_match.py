@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
+from rendezvous.compiled import njit
 from rendezvous.errors import require_within
 from rendezvous.geometry.se2 import Array
 from rendezvous.slam.surface_map import NX, NY, WEIGHT, SurfaceMap, X, Y, nearest
@@ -53,7 +53,7 @@ class MatchParameters:
 _ASSOCIATIONS = 3
 
 
-@nb.njit(cache=True)
+@njit
 def scan_normals(points_m: Array, origins_m: Array, valid: NDArray[np.bool_], radius_m: float) -> Array:
     """(B, 2) unit normals towards the sensor; zero where the surface is not a line.
 
@@ -133,7 +133,7 @@ def match_scan(
     )  # fmt: skip
 
 
-@nb.njit(cache=True)
+@njit
 def _match(
     points_m: Array,
     normals: Array,
@@ -164,7 +164,7 @@ def _match(
     return pose, int((matched >= 0).sum())
 
 
-@nb.njit(cache=True)
+@njit
 def _associate(
     points_m: Array,
     normals: Array,
@@ -190,7 +190,7 @@ def _associate(
         matched[i] = nearest(x, y, nx, ny, index, after, elements, cell_m, gate_m, same_side)
 
 
-@nb.njit(cache=True)
+@njit
 def _prior_terms(pose: Array, prior: Array, info_xy: float, info_yaw: float, H: Array, g: Array) -> None:
     """Begin the normal equations with the prior.
 
@@ -205,7 +205,7 @@ def _prior_terms(pose: Array, prior: Array, info_xy: float, info_yaw: float, H: 
     g[0], g[1], g[2] = trust * info_xy * ex, trust * info_xy * ey, trust * info_yaw * ea
 
 
-@nb.njit(cache=True)
+@njit
 def _add_point_terms(
     points_m: Array,
     sigma_m: Array,

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
-import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
+from rendezvous.compiled import njit
 from rendezvous.errors import ConfigError, require_within
 from rendezvous.geometry.occupancy_grid import OccupancyGrid
 from rendezvous.geometry.se2 import Array
@@ -64,7 +64,7 @@ class Sweep:
     odometry: Array
 
 
-@nb.njit(cache=True)
+@njit
 def deskew(
     ranges_m: Array, bearings_rad: Array, odometry: Array, lidar_x_m: float, no_echo_m: float
 ) -> tuple[Array, Array]:
@@ -92,7 +92,7 @@ def deskew(
     return points, origins
 
 
-@nb.njit(cache=True)
+@njit
 def open_space(ranges_m: Array, run: int) -> NDArray[np.bool_]:
     """(B,) bool: beams without echo in a run of at least `run` such neighbours."""
     n = ranges_m.shape[0]

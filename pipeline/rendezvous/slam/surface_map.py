@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import math
 
-import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
+from rendezvous.compiled import njit
 from rendezvous.geometry.se2 import Array
 
 # Columns of an element: mean x and y, unit normal, weight, and the length of the mean of its normals.
@@ -63,7 +63,7 @@ class SurfaceMap:
         )  # fmt: skip
 
 
-@nb.njit(cache=True)
+@njit
 def _insert(
     points_m: Array,
     normals: Array,
@@ -116,7 +116,7 @@ def _insert(
     return count
 
 
-@nb.njit(cache=True, inline="always")
+@njit(inline="always")
 def nearest(
     x: float,
     y: float,

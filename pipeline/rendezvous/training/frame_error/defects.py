@@ -6,9 +6,9 @@ import math
 from dataclasses import replace
 
 import cv2
-import numba as nb
 import numpy as np
 
+from rendezvous.compiled import njit
 from rendezvous.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN, Cells, OccupancyGrid
 from rendezvous.geometry.se2 import SE2, Array
 
@@ -55,7 +55,7 @@ def _waves(
     return moves[:-1] - moves[-1]
 
 
-@nb.njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _resample_in_place(out: Cells, source: Cells, ratio: float, row_moves: Array, col_moves: Array) -> None:
     """Nearest cell, and each occupied cell also where it falls; `row_moves` depend on the column."""
     height, width = source.shape
@@ -93,7 +93,7 @@ def ragged(grid: OccupancyGrid, rng: np.random.Generator) -> OccupancyGrid:
     return replace(grid, cells=cells)
 
 
-@nb.njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _wear_in_place(out: Cells, source: Cells, drop: Array, grow: float, rng: np.random.Generator) -> None:
     height, width = source.shape
     for row in range(height):

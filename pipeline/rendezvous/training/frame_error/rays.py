@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from itertools import pairwise
 
-import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
+from rendezvous.compiled import njit
 from rendezvous.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN, Cells, OccupancyGrid
 from rendezvous.geometry.se2 import SE2, Array
 
@@ -104,7 +104,7 @@ def _rays(starts: Array, bearings_rad: Array, reach_cells: float, through_cells:
     )
 
 
-@nb.njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _trace_in_place(out: Cells, source: Cells, rays: Array, rng: np.random.Generator) -> None:
     """Mark what each ray crosses as free and what stops it as occupied.
 
