@@ -188,7 +188,7 @@ def test_an_order_that_a_table_cannot_have_is_told(dataset, sightings, tmp_path)
 
 
 def test_one_file_cannot_take_two_sheets(dataset, tmp_path):
-    with pytest.raises(ConfigError, match="--table must say which of pairs and poses"):
+    with pytest.raises(ConfigError, match="--out names one picture; choose --table pairs or poses"):
         inspect(dataset, output=tmp_path / "x.png")
 
 

@@ -1,4 +1,4 @@
-"""Look at a stage's output: pictures of some of it, and its figures."""
+"""Inspect a stage's output: pictures of some of its rows, and its figures."""
 
 from __future__ import annotations
 
@@ -7,16 +7,14 @@ from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 
-import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
 from rendezvous.errors import ConfigError, StoreError
 from rendezvous.evaluation.dataset.card import CARD_COLUMNS, quality_table
 from rendezvous.evaluation.dataset.pose_card import POSE_COLUMNS, VIEW_COLUMNS, pose_quality_table
-from rendezvous.evaluation.dataset.quantiles import quantile_table
 from rendezvous.evaluation.dataset.sampling import evenly_by, located_columns, rows_at
-from rendezvous.evaluation.dataset.tables import markdown_table
+from rendezvous.evaluation.dataset.tables import markdown_table, quantile_table
 from rendezvous.evaluation.pictures.canvas import Image, encoded_png
 from rendezvous.evaluation.pictures.pairs import contact_sheet
 from rendezvous.evaluation.pictures.plans import plan_sheet
@@ -26,13 +24,12 @@ from rendezvous.schema import PAIRS, POSES, VIEWS, TableSchema
 from rendezvous.seeds import stream
 from rendezvous.store.read import StageReader
 
-Sheet = Callable[..., Image]
 Looked = tuple[dict[str, Image], list[str]]
-"""Pictures by name, and sections of figures."""
+"""Pictures by name, and sections of figures in Markdown."""
 
 
 class Order(StrEnum):
-    """Which rows to show: spread evenly from low to high overlap or visibility, or drawn at random."""
+    """How rows are chosen: spread evenly from low to high overlap or visibility, or drawn at random."""
 
     OVERLAP = "overlap"
     VISIBILITY = "visibility"
@@ -40,7 +37,7 @@ class Order(StrEnum):
 
 
 class Table(StrEnum):
-    """What a stage may have rows of; `explore` and `pack` have pairs, `render` has views."""
+    """The tables that a stage may have: `explore` and `pack` have pairs, `render` has views."""
 
     PAIRS = "pairs"
     VIEWS = "views"
@@ -49,7 +46,7 @@ class Table(StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Inspection:
-    """What was found: a summary in Markdown, and where pictures were written."""
+    """A summary in Markdown, and the pictures that were written."""
 
     summary: str
     pictures: tuple[Path, ...]
@@ -60,8 +57,8 @@ class Selection:
     """Which rows to show.
 
     Attributes:
-        count: how many; None for as many as make a good sheet.
-        order: how they are chosen; None for pairs by overlap and images by visibility.
+        count: how many, or None for as many as make a good sheet.
+        order: how they are chosen, or None for pairs by overlap and images by visibility.
         seed: of the random draw.
     """
 
@@ -72,19 +69,20 @@ class Selection:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Look:
-    """How a table is looked at.
+    """How a table is shown.
 
     Attributes:
         schema: of its rows.
-        columns: what figures and order are computed from.
-        title, sheet, count, order: of its picture; the last two by default.
-        figures: of its columns, in Markdown.
+        columns: those that figures and order are computed from.
+        title, sheet: title of its picture, and what draws it.
+        count, order: default number of rows and their order.
+        figures: a Markdown section of its columns.
     """
 
     schema: TableSchema
     columns: tuple[str, ...]
     title: str
-    sheet: Sheet
+    sheet: Callable[..., Image]
     count: int
     order: Order
     figures: Callable[[pa.Table], str]
@@ -102,13 +100,13 @@ def inspect(
     Args:
         folder: the output of `explore` or `pack` (pairs, poses), of `render` (views, poses), or of
             `floorplans` or `meshes` (plans).
-        output: PNG to write; one for each table in `report/` by default.
-        table: the one to look at; all there are by default.
-        selection: which rows to show.
+        output: PNG to write, by default one per table in `report/`.
+        table: table to show, by default all.
+        selection: rows to show.
 
     Raises:
-        StoreError: there is no such output, nothing in it, or a picture cannot be written.
-        ConfigError: there is no such table or order here, or several pictures for one file.
+        StoreError: the output is missing or has no rows, or a picture cannot be written.
+        ConfigError: the output has no such table or order, or `output` would have to hold several pictures.
     """
     reader = StageReader(folder)
     manifest = reader.manifest()
@@ -124,7 +122,7 @@ def inspect(
 
 
 def _tables(reader: StageReader, table: Table | None, selection: Selection) -> Looked:
-    """Picture and figures of each table, or of one."""
+    """Pictures and figures of all tables, or of one."""
     there = _folders(reader)
     if table is not None and table not in there:
         raise ConfigError(f"--table is '{table}'; {reader.root} has {' and '.join(there)}")
@@ -144,16 +142,16 @@ def _tables(reader: StageReader, table: Table | None, selection: Selection) -> L
 
 
 def _folders(reader: StageReader) -> dict[Table, str]:
-    """The tables that have rows, and the folder of each one's shards."""
+    """The tables that have rows, and the folders of their shards."""
     found = {table: f"{table}/" for table in Table if any(shard.rows for shard in reader.shards(f"{table}/"))}
     # `explore` writes one table, and no folder.
     return found or {Table.PAIRS: ""}
 
 
 def _placed(images: dict[str, Image], output: Path | None) -> dict[Path, Image]:
-    """Where each picture goes."""
+    """The pictures by the path each is written to."""
     if output is not None and len(images) > 1:
-        raise ConfigError(f"--out names one picture; --table must say which of {' and '.join(images)}")
+        raise ConfigError(f"--out names one picture; choose --table {' or '.join(images)}")
     return {output or Path("report") / f"{name}.png": image for name, image in images.items()}
 
 
@@ -171,7 +169,7 @@ def _selected(columns: pa.Table, look: _Look, selection: Selection) -> list[int]
     count, order = selection.count or look.count, selection.order or look.order
     if order is Order.RANDOM:
         return _drawn(columns.num_rows, count, selection.seed)
-    # A table may lack the column, and pairs without an image have no value in it.
+    # A table may lack the column, and pairs without an image are null in it.
     known = pc.indices_nonzero(columns[order].is_valid()) if order in columns.column_names else []
     if not len(known):
         raise ConfigError(
@@ -182,7 +180,7 @@ def _selected(columns: pa.Table, look: _Look, selection: Selection) -> list[int]
 
 
 def _plans(reader: StageReader, table: Table | None, selection: Selection) -> Looked:
-    """The picture of plans, which have no figures but their counts."""
+    """A picture of plans, which have no figures beside their counts."""
     if table is not None:
         raise ConfigError(f"--table is '{table}'; {reader.root} has only plans")
     items = list(reader.items())
@@ -193,13 +191,12 @@ def _plans(reader: StageReader, table: Table | None, selection: Selection) -> Lo
 
 
 def _drawn(size: int, count: int, seed: int) -> list[int]:
-    """Indices drawn without replacement, uniform."""
-    rng: np.random.Generator = stream(seed, "inspect")
-    return [int(i) for i in rng.permutation(size)[:count]]
+    """Indices drawn uniformly without replacement."""
+    return [int(i) for i in stream(seed, "inspect").permutation(size)[:count]]
 
 
 def _pair_figures(pairs: pa.Table) -> str:
-    """What the card tells of sightings, and the visibility in those with an image."""
+    """The card's quality figures, and the visibility in the pairs that have an image."""
     figures = quality_table(pairs)
     if "visibility" not in pairs.column_names or not (known := pairs["visibility"].drop_null()):
         return figures
@@ -207,7 +204,7 @@ def _pair_figures(pairs: pa.Table) -> str:
 
 
 def _pose_figures(poses: pa.Table) -> str:
-    """How many images there are of each mode and without robot; then as of views."""
+    """Counts of images by mode and without a robot, and their quality figures."""
     modes = sorted(poses["mode"].to_pylist())
     rows = [(f"`{mode}`", f"{modes.count(mode):,}") for mode in dict.fromkeys(modes)]
     rows.append(("without robot", f"{poses['T_c_o'].null_count / poses.num_rows:.1%}"))

@@ -8,43 +8,47 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.compute as pc
 
 from rendezvous.evaluation.dataset.charts import histogram
 from rendezvous.evaluation.dataset.pose_card import licence_note, poses_section, views_section
-from rendezvous.evaluation.dataset.quantiles import quantile_table
-from rendezvous.evaluation.dataset.tables import column_table, markdown_table
+from rendezvous.evaluation.dataset.tables import (
+    column_table,
+    distinct,
+    markdown_table,
+    quantile_table,
+    split_table,
+)
 from rendezvous.evaluation.pictures.canvas import Image
 from rendezvous.geometry.se2 import Array
 from rendezvous.schema import PAIRS, POSES, SCHEMA_VERSION
 from rendezvous.splits import SPLITS
 from rendezvous.store.records import Quarantined
 
-_ROBOTS = ("0", "1")
 _PAPERS_OVERLAP = 0.174
-_TOLD_LEFT_OUT = 3
+_REASONS_SHOWN = 3
 _OVERLAP_EDGES = np.linspace(0.0, 1.0, 21)
+_DEGREES = 180.0 / np.pi
 
-# Title, columns (pooled), factor and unit it is shown in, decimals.
-_MEASURES: tuple[tuple[str, tuple[str, ...], float, str, int], ...] = (
-    ("SLAM position error", tuple(f"slam_position_error_{i}_m" for i in _ROBOTS), 100.0, "cm", 1),
-    ("SLAM heading error", tuple(f"slam_heading_error_{i}_rad" for i in _ROBOTS), 180.0 / np.pi, "°", 2),
-    ("Odometry position error", tuple(f"odometry_position_error_{i}_m" for i in _ROBOTS), 100.0, "cm", 1),
-    (
-        "Odometry heading error",
-        tuple(f"odometry_heading_error_{i}_rad" for i in _ROBOTS),
-        180 / np.pi,
-        "°",
-        2,
-    ),
-    ("Walls that agree, by `T_m0_m1_local`", ("wall_agreement_local",), 100.0, "%", 1),
-    ("Walls that agree, by `T_m0_m1`", ("wall_agreement",), 100.0, "%", 1),
-    ("Overlap", ("overlap",), 1.0, "", 3),
-    ("Occupied cells per map", tuple(f"occupied_cells_{i}" for i in _ROBOTS), 1.0, "", 0),
-    ("Of those, ghosts of the other robot", tuple(f"ghost_cells_{i}" for i in _ROBOTS), 1.0, "", 0),
-    ("Range of the sighting", ("range_m",), 1.0, "m", 2),
-    ("Time of the sighting", ("t_s",), 1.0, "s", 0),
+# Title, column (of both robots, where it has braces), factor and unit to show it in, decimals.
+_MEASURES: tuple[tuple[str, str, float, str, int], ...] = (
+    ("SLAM position error", "slam_position_error_{}_m", 100.0, "cm", 1),
+    ("SLAM heading error", "slam_heading_error_{}_rad", _DEGREES, "°", 2),
+    ("Odometry position error", "odometry_position_error_{}_m", 100.0, "cm", 1),
+    ("Odometry heading error", "odometry_heading_error_{}_rad", _DEGREES, "°", 2),
+    ("Walls that agree, by `T_m0_m1_local`", "wall_agreement_local", 100.0, "%", 1),
+    ("Walls that agree, by `T_m0_m1`", "wall_agreement", 100.0, "%", 1),
+    ("Overlap", "overlap", 1.0, "", 3),
+    ("Occupied cells per map", "occupied_cells_{}", 1.0, "", 0),
+    ("Of those, ghosts of the other robot", "ghost_cells_{}", 1.0, "", 0),
+    ("Range of the sighting", "range_m", 1.0, "m", 2),
+    ("Time of the sighting", "t_s", 1.0, "s", 0),
 )
+
+
+def _columns(name: str) -> list[str]:
+    """The columns that a name of `_MEASURES` stands for."""
+    return list(dict.fromkeys(name.format(robot) for robot in (0, 1)))
+
 
 CARD_COLUMNS = (
     "seed",
@@ -54,9 +58,9 @@ CARD_COLUMNS = (
     "event_id",
     "pair_id",
     "visible_fraction",
-    *(name for _, names, *_ in _MEASURES for name in names),
+    *(column for _, name, *_ in _MEASURES for column in _columns(name)),
 )
-"""What the card is computed from."""
+"""Columns that the card is computed from."""
 
 
 def dataset_card(
@@ -71,28 +75,35 @@ def dataset_card(
     versions: Mapping[str, str],
     bytes_total: int,
 ) -> str:
-    """The card, Markdown with the YAML header that Hugging Face reads.
+    """The card: Markdown with the YAML header that Hugging Face reads.
 
     Args:
-        sightings: `CARD_COLUMNS` of all pairs, their `split`, and the `visibility` in their image, null
-            where there is none.
-        poses: `POSE_COLUMNS` of all training images and their `split`; None if there are none.
-        counts: what `explore` counted, met or not.
+        sightings: `CARD_COLUMNS` of all pairs, their `split`, and the `visibility` in their image, which is
+            null where there is no image.
+        poses: `POSE_COLUMNS` of all training images and their `split`, or None without training images.
+        counts: the counts of `explore`.
         left_out: episodes that could not be run.
         poses_left_out: training images that could not be made.
-        parameters: all that the rows depend on, by dotted key; `explore.robot.name` is among them.
-        unknown: stages whose parameters are not, because their output is gone.
+        parameters: all that the rows depend on, by dotted key, `explore.robot.name` among them.
+        unknown: stages whose parameters are unknown because their output is gone.
         versions: of the packages that the rows were made with.
         bytes_total: size of the Parquet files.
     """
     has_images = poses is not None or sightings["visibility"].null_count < sightings.num_rows
+    seeds = sorted({s for t in (sightings, poses) if t is not None for s in t["seed"].unique().to_pylist()})
+    counted = {"floor plans": "plan_digest", "episodes": "episode_id", "rendezvous": "event_id"}
+    splits = split_table(sightings, {**{k: distinct(v) for k, v in counted.items()}, "pairs": len})
+    episodes = markdown_table(
+        ("counted", "number"), [(k.replace("_", " "), f"{v:,}") for k, v in counts.items()]
+    )
+    rows = [(f"`{key}`", f"`{json.dumps(value)}`") for key, value in parameters.items()]
     sections = [
         _yaml_header(sightings, poses),
         _INTRODUCTION.format(robot=parameters["explore.robot.name"], split=_splits(sightings)[0])
         + ("```" if poses is None else _LOADED_POSES.format(split=_splits(poses)[0])),
-        f"## Splits\n\n{_split_table(sightings)}\n\nNo floor plan is in two splits: a plan's split is a "
+        f"## Splits\n\n{splits}\n\nNo floor plan is in two splits: a plan's split is a "
         f"hash of its geometry. {bytes_total / 1e6:.1f} MB in all.",
-        f"## Episodes\n\n{_counts_table(counts)}{_left_out_list('Episodes', left_out)}",
+        f"## Episodes\n\n{episodes}{_left_out_list('Episodes', left_out)}",
         f"## Overlap\n\n![Histogram of the overlap](overlap.png)\n\n{_overlap_table(sightings)}",
         f"## Quality\n\n{quality_table(sightings)}\n\n{_QUALITY_NOTE}",
         views_section(sightings),
@@ -100,8 +111,9 @@ def dataset_card(
         f"## Columns of `pairs`\n\n{_COLUMNS_NOTE}\n\n{column_table(PAIRS)}",
         *([] if poses is None else [f"## Columns of `poses`\n\n{column_table(POSES)}"]),
         *([f"## Licences of the images\n\n{licence_note(parameters)}"] if has_images else []),
-        f"## How it was made\n\n{_origin(_seeds(sightings, poses), versions, unknown)}",
-        f"<details><summary>All parameters</summary>\n\n{_parameter_table(parameters)}\n\n</details>",
+        f"## How it was made\n\n{_origin(seeds, versions, unknown)}",
+        "<details><summary>All parameters</summary>\n\n"
+        f"{markdown_table(('parameter', 'value'), rows)}\n\n</details>",
     ]
     return "\n\n".join(sections) + "\n"
 
@@ -152,19 +164,31 @@ def overlap_chart(sightings: pa.Table) -> Image:
     )
 
 
+def quality_table(sightings: pa.Table) -> str:
+    """Quantiles of all measures, both robots pooled."""
+    return quantile_table(
+        [
+            (f"{title} [{unit}]" if unit else title, factor * _pooled(sightings, name), decimals)
+            for title, name, factor, unit, decimals in _MEASURES
+        ]
+    )
+
+
+def _pooled(sightings: pa.Table, name: str) -> Array:
+    columns = [sightings[column].drop_null().to_numpy() for column in _columns(name)]
+    return np.concatenate(columns).astype(np.float64)
+
+
 def _yaml_header(sightings: pa.Table, poses: pa.Table | None) -> str:
-    configs = _yaml_config("pairs", sightings, default=True)
-    rows = sightings.num_rows
+    rows, configs = sightings.num_rows, _yaml_config("pairs", sightings, default=True)
     if poses is not None:
-        configs += _yaml_config("poses", poses)
-        rows += poses.num_rows
+        rows, configs = rows + poses.num_rows, configs + _yaml_config("poses", poses)
     tags = ("robotics", "slam", "map-fusion", "occupancy-grid", "multi-robot", "pose-estimation")
+    sizes = [(10**3, "n<1K"), (10**4, "1K<n<10K"), (10**5, "10K<n<100K"), (10**6, "100K<n<1M")]
+    size = next((name for bound, name in sizes if rows < bound), "1M<n<10M")
     tag_lines = "".join(f"- {tag}\n" for tag in tags)
     return (
-        "---\npretty_name: Rendezvous\n"
-        f"tags:\n{tag_lines}"
-        f"size_categories:\n- {_size_category(rows)}\n"
-        f"configs:\n{configs}---"
+        f"---\npretty_name: Rendezvous\ntags:\n{tag_lines}size_categories:\n- {size}\nconfigs:\n{configs}---"
     )
 
 
@@ -175,52 +199,18 @@ def _yaml_config(name: str, rows: pa.Table, *, default: bool = False) -> str:
 
 
 def _splits(rows: pa.Table) -> list[str]:
-    """Those that have rows."""
+    """The splits that have rows."""
     present = set(rows["split"].unique().to_pylist())
     return [split for split in SPLITS if split in present]
 
 
-def _size_category(rows: int) -> str:
-    bounds = [(10**3, "n<1K"), (10**4, "1K<n<10K"), (10**5, "10K<n<100K"), (10**6, "100K<n<1M")]
-    return next((name for bound, name in bounds if rows < bound), "1M<n<10M")
-
-
-def _split_table(sightings: pa.Table) -> str:
-    counted = ("plan_digest", "episode_id", "event_id")
-    rows = []
-    for split in SPLITS:
-        part = sightings.filter(pc.field("split") == split)
-        if part.num_rows:
-            rows.append((split, *(len(part[name].unique()) for name in counted), part.num_rows))
-    totals = ("all", *(sum(row[i] for row in rows) for i in range(1, 5)))
-    return markdown_table(("split", "floor plans", "episodes", "meetings", "pairs"), [*rows, totals])
-
-
-def _counts_table(counts: Mapping[str, int]) -> str:
-    return markdown_table(("counted", "number"), [(k.replace("_", " "), f"{v:,}") for k, v in counts.items()])
-
-
-def _left_out_list(what: str, left_out: Sequence[Quarantined]) -> str:
-    """How many are missing, and some of the reasons; empty if none is."""
+def _left_out_list(title: str, left_out: Sequence[Quarantined]) -> str:
+    """How many are left out, with some of the reasons, or '' if none is."""
     if not left_out:
         return ""
-    told = list({entry.reason: entry for entry in left_out}.values())[:_TOLD_LEFT_OUT]
-    reasons = "\n".join(f"- `{entry.item_id}`: {entry.reason}" for entry in told)
-    return f"\n\n{what} left out, because they could not be made: {len(left_out)}. Reasons:\n\n{reasons}"
-
-
-def _seeds(sightings: pa.Table, poses: pa.Table | None) -> str:
-    """The root seeds of all rows: one, unless a stage was run again with another."""
-    tables = [sightings] if poses is None else [sightings, poses]
-    return ", ".join(str(s) for s in sorted({s for t in tables for s in t["seed"].unique().to_pylist()}))
-
-
-def _origin(seeds: str, versions: Mapping[str, str], unknown: Sequence[str]) -> str:
-    """What makes the same rows again."""
-    packages = ", ".join(f"{name} {version}" for name, version in versions.items())
-    gone = ", ".join(f"`{stage}`" for stage in unknown)
-    missing = f"\n\nNot known, because its output was gone: the parameters of {gone}." if unknown else ""
-    return f"Root seed {seeds}, schema version {SCHEMA_VERSION}, {packages}.\n\n{_ORIGIN_NOTE}{missing}"
+    shown = list({entry.reason: entry for entry in left_out}.values())[:_REASONS_SHOWN]
+    reasons = "\n".join(f"- `{entry.item_id}`: {entry.reason}" for entry in shown)
+    return f"\n\n{title} left out, because they could not be made: {len(left_out)}. Reasons:\n\n{reasons}"
 
 
 def _overlap_table(sightings: pa.Table) -> str:
@@ -235,21 +225,10 @@ def _overlap_table(sightings: pa.Table) -> str:
     return f"{table}\n\n{np.mean(overlap < 0.25):.1%} of the pairs overlap by less than 0.25."
 
 
-def quality_table(sightings: pa.Table) -> str:
-    """Quantiles of what `CARD_COLUMNS` measure."""
-    return quantile_table(
-        [
-            (f"{title} [{unit}]" if unit else title, factor * _pooled(sightings, names), decimals)
-            for title, names, factor, unit, decimals in _MEASURES
-        ]
-    )
-
-
-def _pooled(sightings: pa.Table, names: Sequence[str]) -> Array:
-    columns = [sightings[name].drop_null().to_numpy().astype(np.float64) for name in names]
-    return np.concatenate(columns)
-
-
-def _parameter_table(parameters: Mapping[str, Any]) -> str:
-    rows = [(f"`{key}`", f"`{json.dumps(value)}`") for key, value in parameters.items()]
-    return markdown_table(("parameter", "value"), rows)
+def _origin(seeds: Sequence[int], versions: Mapping[str, str], unknown: Sequence[str]) -> str:
+    """What makes the same rows again. Several seeds mean that a stage was run again with another."""
+    packages = ", ".join(f"{name} {version}" for name, version in versions.items())
+    gone = ", ".join(f"`{stage}`" for stage in unknown)
+    missing = f"\n\nNot known, because its output was gone: the parameters of {gone}." if unknown else ""
+    seed = ", ".join(map(str, seeds))
+    return f"Root seed {seed}, schema version {SCHEMA_VERSION}, {packages}.\n\n{_ORIGIN_NOTE}{missing}"

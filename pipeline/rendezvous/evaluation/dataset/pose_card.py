@@ -1,4 +1,4 @@
-"""What the dataset's card says about images: those of the sightings, and the training images."""
+"""The dataset card's sections on images: those of the sightings, and those to train on."""
 
 from __future__ import annotations
 
@@ -9,28 +9,25 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from rendezvous.evaluation.dataset.quantiles import quantile_table
-from rendezvous.evaluation.dataset.tables import markdown_table
-from rendezvous.geometry.se2 import Array
-from rendezvous.splits import SPLITS
+from rendezvous.evaluation.dataset.tables import distinct, quantile_table, split_table
 
 VIEW_COLUMNS = ("pair_id", "plan_id", "visibility")
-"""What the card's section on the sightings' images is computed from, beside the sightings themselves."""
+"""Columns of `VIEWS` that the section on the sightings' images needs."""
 
 POSE_COLUMNS = ("seed", "plan_id", "plan_digest", "mode", "visibility", "T_c_o")
-"""What the card's section on training images is computed from."""
+"""Columns of `POSES` that the section on training images needs."""
 
 _SIGHTED = 0.5
 
 
 def views_section(sightings: pa.Table) -> str:
-    """How many sightings have an image, and how much of the robot is visible there.
+    """How many sightings have an image, and how much of the robot it shows.
 
     Args:
-        sightings: `visible_fraction` of all rows and `visibility`, null where there is no image.
+        sightings: `visible_fraction` of all rows, and `visibility`, which is null where there is no image.
     """
-    seen = sightings.filter(pc.field("visibility").is_valid())
     title = "## Images of the sightings"
+    seen = sightings.filter(pc.field("visibility").is_valid())
     if not seen.num_rows:
         return (
             f"{title}\n\nNo sighting has an image: `render.views` was off. "
@@ -54,56 +51,42 @@ def poses_section(poses: pa.Table) -> str:
     Args:
         poses: `POSE_COLUMNS` of all rows and their `split`.
     """
-    absent = poses["T_c_o"].null_count / poses.num_rows
+    modes = sorted(poses["mode"].unique().to_pylist(), reverse=True)
+    of_mode = {mode: lambda rows, m=mode: len(rows.filter(pc.field("mode") == m)) for mode in modes}
+    counts = {"floor plans": distinct("plan_digest"), **of_mode, "poses": len}
     return (
         "## Poses\n\nEvery row of `poses` is a training image for a pose estimator such as DOPE, with one "
         "robot or none: in `plausible` ones on the floor of a furnished room, seen by another's camera, "
         "in `free` ones anywhere before any background. All that was drawn at random for an image is in its "
         "column `drawn`.\n\n"
         "![Some of the images with their labels, from hidden to fully visible](poses.png)\n\n"
-        f"{_split_table(poses)}\n\nA floor plan's poses are in the split that its pairs are in. The robot is "
-        f"absent from {absent:.1%} of the images. Quantiles where it is present:\n\n"
-        f"{pose_quality_table(poses)}"
+        f"{split_table(poses, counts)}\n\nA floor plan's poses are in the split that its pairs are in. The "
+        f"robot is absent from {poses['T_c_o'].null_count / poses.num_rows:.1%} of the images. Quantiles "
+        f"where it is present:\n\n{pose_quality_table(poses)}"
     )
 
 
 def pose_quality_table(poses: pa.Table) -> str:
     """Quantiles of visibility and distance over the images with a robot."""
     present = poses.filter(pc.field("T_c_o").is_valid())
-    visibility = present["visibility"].to_numpy()
-    return quantile_table([("Visibility", visibility, 2), ("Distance [m]", _distances_m(present), 2)])
-
-
-def _distances_m(present: pa.Table) -> Array:
-    """(N,) from the camera to the centre of the robot's cuboid."""
     T_c_o = np.array(present["T_c_o"].to_pylist()).reshape(-1, 4, 4)
-    return np.asarray(np.linalg.norm(T_c_o[:, :3, 3], axis=1))
-
-
-def _split_table(poses: pa.Table) -> str:
-    modes = sorted(poses["mode"].unique().to_pylist(), reverse=True)
-    rows = []
-    for split in SPLITS:
-        part = poses.filter(pc.field("split") == split)
-        if part.num_rows:
-            of_mode = [part.filter(pc.field("mode") == mode).num_rows for mode in modes]
-            rows.append((split, len(part["plan_digest"].unique()), *of_mode, part.num_rows))
-    totals = ("all", *(sum(row[i] for row in rows) for i in range(1, len(modes) + 3)))
-    return markdown_table(("split", "floor plans", *modes, "poses"), [*rows, totals])
+    distance_m = np.linalg.norm(T_c_o[:, :3, 3], axis=1)
+    return quantile_table(
+        [("Visibility", present["visibility"].to_numpy(), 2), ("Distance [m]", distance_m, 2)]
+    )
 
 
 def licence_note(parameters: Mapping[str, Any]) -> str:
-    """What the images are made of.
+    """What the images are made of, and under which licence.
 
     Args:
         parameters: all that the rows depend on, by dotted key.
     """
-    photos = any(value for key, value in parameters.items() if f"{key}.".startswith("render.backgrounds."))
     note = (
         "Textures, painted rooms, furniture and the shipped robot's model are made by this project's own "
         "code; nothing in the images is downloaded"
     )
-    if photos:
+    if any(value for key, value in parameters.items() if f"{key}.".startswith("render.backgrounds.")):
         return (
             f"{note}. Behind some `free` images stand photos from the user's folder that "
             "`render.backgrounds` named: their licence is for the user to say."

@@ -26,18 +26,18 @@ def located_columns(reader: StageReader, columns: Sequence[str], *, under: str =
 
 
 def rows_at(reader: StageReader, places: pa.Table, schema: TableSchema) -> list[dict[str, Any]]:
-    """Whole rows, as the schema's `rows` gives them, of rows of `located_columns`."""
+    """Whole rows at the places that `located_columns` gave, in the form of the schema's `rows`."""
     wanted = list(zip(places[SHARD].to_pylist(), places[ROW].to_pylist(), strict=True))
     found: dict[tuple[str, int], dict[str, Any]] = {}
     for shard in sorted({name for name, _ in wanted}):
-        table = reader.table(shard)
         indices = [row for name, row in wanted if name == shard]
-        found |= zip([(shard, i) for i in indices], schema.rows(table.take(indices)), strict=True)
+        rows = schema.rows(reader.table(shard).take(indices))
+        found |= zip([(shard, i) for i in indices], rows, strict=True)
     return [found[place] for place in wanted]
 
 
 def evenly_by(values: Array | Iterable[float], count: int) -> list[int]:
-    """Indices of `count` of the values (all, if there are fewer), at even ranks from low to high."""
+    """Indices of `count` values, or of all if there are fewer, at even ranks from low to high."""
     order = np.argsort(np.asarray(values), kind="stable")
     ranks = (np.arange(min(count, len(order))) + 0.5) / min(count, len(order)) * len(order)
     return [int(order[int(rank)]) for rank in ranks]

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 
+from rendezvous.geometry.se2 import Array
 from rendezvous.schema import (
     IMAGE_TYPE,
     SE2_TYPE,
@@ -17,7 +20,9 @@ from rendezvous.schema import (
     Column,
     TableSchema,
 )
+from rendezvous.splits import SPLITS
 
+_QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 _TYPE_NAMES: dict[pa.DataType, str] = {
     IMAGE_TYPE: "image",
     SE2_TYPE: "SE(2), 3 doubles",
@@ -29,11 +34,44 @@ _TYPE_NAMES: dict[pa.DataType, str] = {
 
 
 def markdown_table(header: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
-    """A table; columns that hold only numbers below the header are aligned to the right."""
+    """A Markdown table. Columns that hold only numbers below the header are aligned to the right."""
     cells = [[str(cell).replace("|", "\\|") for cell in row] for row in rows]
     numeric = [bool(cells) and all(_is_number(row[i]) for row in cells) for i in range(len(header))]
     rule = ["---:" if right else "---" for right in numeric]
     return "\n".join("| " + " | ".join(row) + " |" for row in [list(header), rule, *cells])
+
+
+def quantile_table(measures: Sequence[tuple[str, Array, int]]) -> str:
+    """Quantiles of each measure, one per line; the cells of a measure without values are empty.
+
+    Args:
+        measures: title, values (N,) and number of decimals of each.
+    """
+    rows = []
+    for title, values, decimals in measures:
+        quantiles = np.quantile(values, _QUANTILES) if len(values) else ()
+        rows.append((title, *([f"{value:.{decimals}f}" for value in quantiles] or [""] * len(_QUANTILES))))
+    return markdown_table(("", *(f"{q:.0%}" for q in _QUANTILES)), rows)
+
+
+def split_table(rows: pa.Table, counts: Mapping[str, Callable[[pa.Table], int]]) -> str:
+    """Counts of each split that has rows, one split per line, and their totals.
+
+    Args:
+        rows: a table with a column `split`.
+        counts: what to count in a split's rows, by the column's title.
+    """
+    parts = {split: rows.filter(pc.field("split") == split) for split in SPLITS}
+    lines = [
+        (split, *(count(part) for count in counts.values())) for split, part in parts.items() if len(part)
+    ]
+    totals = [sum(line[i] for line in lines) for i in range(1, len(counts) + 1)]
+    return markdown_table(("split", *counts), [*lines, ("all", *totals)])
+
+
+def distinct(column: str) -> Callable[[pa.Table], int]:
+    """Counts a column's distinct values."""
+    return lambda rows: len(rows[column].unique())
 
 
 def column_table(schema: TableSchema) -> str:

@@ -1,7 +1,8 @@
-"""A picture to draw on, in pixels or, through a `View`, in metres of a frame. RGB, uint8."""
+"""A picture to draw on, in pixels or, through a `View`, in metres. RGB, uint8."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -16,7 +17,9 @@ Image = NDArray[np.uint8]
 Colour = tuple[int, int, int]
 
 SHEET_WIDTH_PX = 1480
-"""Width of a sheet: more than the width at which it is read, so that it stays sharp on dense displays."""
+"""Width of a sheet. It is read at less than that, and so stays sharp on dense displays."""
+
+SHEET_MARGIN_PX = 28
 
 INK: Colour = (38, 40, 46)
 MUTED: Colour = (118, 122, 130)
@@ -32,11 +35,11 @@ _SUBPIXEL_BITS = 4
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class View:
-    """Where a frame's metres land on a picture.
+    """Where a frame's metres land on a picture; x goes right, y goes up.
 
     Attributes:
         px_per_m: scale.
-        u0_px, v0_px: where the frame's origin lands; x goes right, y goes up.
+        u0_px, v0_px: pixel of the frame's origin.
     """
 
     px_per_m: float
@@ -48,14 +51,14 @@ class View:
         return np.array([self.u0_px, self.v0_px]) + p_m * (self.px_per_m, -self.px_per_m)
 
     def p_m(self, uv_px: Array) -> Array:
-        """Inverse of `uv_px`, of any leading shape."""
+        """Points (..., 2) [m] of pixels (..., 2); the inverse of `uv_px`."""
         return (uv_px - (self.u0_px, self.v0_px)) / (self.px_per_m, -self.px_per_m)
 
 
 def fitted_view(
     lower_m: Array, upper_m: Array, *, px_per_m: float, centre_uv_px: tuple[float, float]
 ) -> View:
-    """The view that puts the middle of a box (2,) to (2,) [m] at a pixel."""
+    """The view that puts the middle of the box between two corners (2,) [m] at a pixel."""
     x_m, y_m = (lower_m + upper_m) / 2.0
     return View(
         px_per_m=px_per_m,
@@ -81,7 +84,10 @@ class Canvas:
         bold: bool = False,
         right: bool = False,
     ) -> float:
-        """Writes one line whose baseline starts (or ends, `right`) at a pixel; returns where it ends."""
+        """Writes a line of text and returns the u where it ends.
+
+        Its baseline starts at the pixel, or ends there if aligned to the `right`.
+        """
         width_px = text_width_px(words, size_px=size_px, bold=bold)
         start_px = u_px - width_px if right else u_px
         at = (round(start_px), round(v_px))
@@ -105,14 +111,14 @@ class Canvas:
         self.rings([uv_px], colour=colour, opacity=opacity)
 
     def rings(self, rings_px: list[Array], *, colour: Colour, opacity: float = 1.0) -> None:
-        """Fills what an odd number of rings encloses: an outline without its holes."""
+        """Fills what an odd number of rings encloses, such as an outline without its holes."""
         drawn = self.image.copy()
         points = [np.round(ring * 2**_SUBPIXEL_BITS).astype(np.int32) for ring in rings_px]
         cv2.fillPoly(drawn, points, colour, cv2.LINE_AA, _SUBPIXEL_BITS)
         cv2.addWeighted(drawn, opacity, self.image, 1.0 - opacity, 0.0, dst=self.image)
 
     def disc(self, uv_px: Array, *, radius_px: float, colour: Colour, outline: Colour = PAPER) -> None:
-        """Fills a circle around a pixel (2,) and rings it."""
+        """Fills a circle around a pixel (2,), with an outline one pixel wide."""
         scale = 2**_SUBPIXEL_BITS
         at = (round(uv_px[0] * scale), round(uv_px[1] * scale))
         radius = round(radius_px * scale)
@@ -120,13 +126,36 @@ class Canvas:
         cv2.circle(self.image, at, radius, colour, -1, cv2.LINE_AA, _SUBPIXEL_BITS)
 
     def scale_bar(self, u_px: float, v_px: float, *, px_per_m: float, longest_px: float) -> None:
-        """Draws the longest bar of 1, 2, 5, 10, ... m that fits, its left end at a pixel."""
+        """Draws the longest bar of 1, 2, 5, 10, 20 or 50 m that fits, from a pixel to the right."""
         metres = max((m for m in (1, 2, 5, 10, 20, 50) if m * px_per_m <= longest_px), default=1)
         end_px = u_px + metres * px_per_m
         self.polyline(np.array([[u_px, v_px], [end_px, v_px]]), colour=INK, width_px=2)
         for u in (u_px, end_px):
             self.polyline(np.array([[u, v_px - 5], [u, v_px + 5]]), colour=INK, width_px=2)
         self.text(f"{metres} m", end_px + 8, v_px + 6, size_px=17)
+
+    def paste(self, image: Image, u_px: int, v_px: int) -> None:
+        """Puts a picture's upper left corner at a pixel."""
+        self.image[v_px : v_px + image.shape[0], u_px : u_px + image.shape[1]] = image
+
+
+def titled(width_px: int, height_px: int, title: str, subtitle: str, *, baseline_px: int = 48) -> Canvas:
+    """The head of a sheet, with its title and subtitle on one line."""
+    canvas = Canvas(width_px, height_px)
+    end_px = canvas.text(title, SHEET_MARGIN_PX, baseline_px, size_px=32, bold=True)
+    canvas.text(subtitle, end_px + 18, baseline_px, size_px=20, colour=MUTED)
+    return canvas
+
+
+def in_columns(cells: Sequence[Image], *, width_px: int, columns: int, gap_px: int = 0) -> list[Image]:
+    """Strips of a sheet with so many cells side by side; the last strip may have fewer."""
+    strips = []
+    for first in range(0, len(cells), columns):
+        strip = Canvas(width_px, max(cell.shape[0] for cell in cells[first : first + columns]))
+        for place, cell in enumerate(cells[first : first + columns]):
+            strip.paste(cell, SHEET_MARGIN_PX + place * (cell.shape[1] + gap_px), 0)
+        strips.append(strip.image)
+    return strips
 
 
 def text_width_px(words: str, *, size_px: int, bold: bool = False) -> int:
@@ -135,13 +164,13 @@ def text_width_px(words: str, *, size_px: int, bold: bool = False) -> int:
 
 
 def shortened(name: str, most: int) -> str:
-    """The name, cut to so many characters with an ellipsis if it has more."""
+    """The name, cut to `most` characters with an ellipsis if it is longer."""
     return name if len(name) <= most else f"{name[: most - 1]}…"
 
 
 def encoded_png(image: Image) -> bytes:
-    """The picture as a PNG, the smaller of two."""
-    # Drawings of few flat colours are a quarter smaller unfiltered, photographs a third smaller filtered.
+    """The picture as a PNG, filtered or not, whichever is smaller."""
+    # Drawings with few flat colours are a quarter smaller unfiltered, photographs a third smaller filtered.
     unfiltered = [cv2.IMWRITE_PNG_COMPRESSION, 9, cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_NONE]
     filtered = [cv2.IMWRITE_PNG_COMPRESSION, 6, cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_ALL_FILTERS]
     encoded = [cv2.imencode(".png", image[..., ::-1], options) for options in (unfiltered, filtered)]

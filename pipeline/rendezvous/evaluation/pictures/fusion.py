@@ -29,59 +29,54 @@ from rendezvous.geometry.se2 import SE2, Array
 from rendezvous.pose_estimation.relative_pose import RelativePose
 
 LONGER_PX, LEAST_PX, MOST_PX_PER_M = 1200, 700, 80.0
-"""The picture's longer side and its least width; small maps get no more than so many pixels a metre."""
+"""The picture's longer side, its least width, and the largest scale, which small maps get."""
 
 _MARGIN_M = 0.5
 _HEADER_PX, _CAPTION_PX, _EDGE_PX = 92, 36, 18
 _ELLIPSE_PROBABILITY = 0.95
-"""That the ellipse holds robot 1."""
+_TURNS_RAD = np.linspace(0.0, 2.0 * math.pi, 72, endpoint=False)
+_CIRCLE = np.stack([np.cos(_TURNS_RAD), np.sin(_TURNS_RAD)], axis=1)
 _MEETING: Colour = (245, 160, 20)
 _GOOD: Colour = (20, 120, 60)
 
 
 def fusion_picture(meeting: Meeting, result: FusionResult) -> Image:
-    """Map 0 in red, map 1 in blue where T̂ puts it, walls that both have dark; robots and the meeting point.
+    """Map 0 in red, map 1 in blue where T̂ puts it, walls of both in violet, and both robots.
 
-    The meeting point has an ellipse that holds robot 1 with 95 % probability by the fusion's covariance; a
-    cross is where the sighting alone put it.
+    The ellipse holds robot 1 with 95 % probability by the fusion's covariance. The cross is where the
+    sighting alone puts robot 1.
 
     Returns:
         (H, W, 3) uint8 RGB, along the axes of m0.
     """
     view, size_px = view_of_both(meeting, result.T_m0_m1)
-    width_px, height_px = size_px
-    panel = Canvas(width_px, height_px)
-    panel.image[:] = blended(
-        [
-            sampled(meeting.grid_0, SE2.identity(), view, size_px),
-            sampled(meeting.grid_1, result.T_m0_m1, view, size_px),
-        ]
-    )
+    placed = ((meeting.grid_0, SE2.identity()), (meeting.grid_1, result.T_m0_m1))
+    panel = Canvas(*size_px)
+    panel.image[:] = blended([sampled(grid, T_m0_m, view, size_px) for grid, T_m0_m in placed])
     _draw_meeting(panel, view, meeting, result)
-    panel.scale_bar(_EDGE_PX, height_px - _EDGE_PX, px_per_m=view.px_per_m, longest_px=160)
-    return np.concatenate([_header(width_px, result), panel.image])
+    panel.scale_bar(_EDGE_PX, size_px[1] - _EDGE_PX, px_per_m=view.px_per_m, longest_px=160)
+    return np.concatenate([_header(size_px[0], result), panel.image])
 
 
 def view_of_both(meeting: Meeting, T_m0_m1: SE2) -> tuple[View, tuple[int, int]]:
-    """Where m0 lies on a panel that shows all that both maps know, and that panel's width and height [px]."""
-    lower_m, upper_m = _bounds_m(meeting, T_m0_m1)
-    extent_m = upper_m - lower_m
-    px_per_m = min(MOST_PX_PER_M, LONGER_PX / float(extent_m.max()))
-    width_px, height_px = (
-        max(LEAST_PX, round(float(extent_m[0]) * px_per_m)),
-        round(float(extent_m[1]) * px_per_m),
-    )
+    """A view of m0 that shows all known cells of both maps, and the panel's width and height [px]."""
+    known_0, known_1 = (grid.cell_centres(grid.known()) for grid in (meeting.grid_0, meeting.grid_1))
+    points_m = np.concatenate([known_0, T_m0_m1 @ known_1])
+    lower_m, upper_m = points_m.min(axis=0) - _MARGIN_M, points_m.max(axis=0) + _MARGIN_M
+    width_m, height_m = (float(extent_m) for extent_m in upper_m - lower_m)
+    px_per_m = min(MOST_PX_PER_M, LONGER_PX / max(width_m, height_m))
+    width_px, height_px = max(LEAST_PX, round(width_m * px_per_m)), round(height_m * px_per_m)
     centre_px = width_px / 2.0, height_px / 2.0
     return fitted_view(lower_m, upper_m, px_per_m=px_per_m, centre_uv_px=centre_px), (width_px, height_px)
 
 
 def sighting_picture(image: Image, camera: PinholeCamera, pose: RelativePose, size_m: Vec3) -> Image:
-    """An image with the cuboid of the best reading drawn over, or why there is none, told below.
+    """An image with the cuboid of the most probable reading, and a caption: the pose, or why there is none.
 
     Args:
-        image: (H, W, 3) uint8 RGB, free of distortion.
-        camera: that took it.
-        pose: what was read from it.
+        image: (H, W, 3) uint8 RGB, undistorted.
+        camera: of the image.
+        pose: as estimated from the image.
         size_m: sides of the robot's cuboid.
     """
     if pose.found:
@@ -98,13 +93,6 @@ def sighting_picture(image: Image, camera: PinholeCamera, pose: RelativePose, si
     return np.concatenate([image, caption.image])
 
 
-def _bounds_m(meeting: Meeting, T_m0_m1: SE2) -> tuple[Array, Array]:
-    """Corners of what both maps know, in m0, with a margin."""
-    known_0, known_1 = (grid.cell_centres(grid.known()) for grid in (meeting.grid_0, meeting.grid_1))
-    points_m = np.concatenate([known_0, T_m0_m1 @ known_1])
-    return points_m.min(axis=0) - _MARGIN_M, points_m.max(axis=0) + _MARGIN_M
-
-
 def _draw_meeting(canvas: Canvas, view: View, meeting: Meeting, result: FusionResult) -> None:
     T_m0_r1 = result.T_m0_m1 @ meeting.T_m1_r1
     robots_m = np.array([[T.x_m, T.y_m] for T in (meeting.T_m0_r0, T_m0_r1)])
@@ -119,17 +107,15 @@ def _draw_meeting(canvas: Canvas, view: View, meeting: Meeting, result: FusionRe
 
 
 def _ellipse_m(result: FusionResult, T_m0_r1: SE2) -> Array:
-    """(N, 2) [m] in m0: around where robot 1 is put."""
+    """(N, 2) [m] points of the ellipse around robot 1, in m0."""
     assert result.covariance is not None
-    turns = np.linspace(0.0, 2.0 * math.pi, 72, endpoint=False)
     values, axes = np.linalg.eigh(result.covariance[:2, :2])
-    circle = np.stack([np.cos(turns), np.sin(turns)], axis=1)
     sigmas = _ellipse_sigmas(result.degrees_of_freedom)
-    return sigmas * circle * np.sqrt(values) @ axes.T + (T_m0_r1.x_m, T_m0_r1.y_m)
+    return sigmas * _CIRCLE * np.sqrt(values) @ axes.T + (T_m0_r1.x_m, T_m0_r1.y_m)
 
 
 def _ellipse_sigmas(degrees_of_freedom: float) -> float:
-    """How far the ellipse reaches, in standard deviations of a t distribution of two dimensions."""
+    """The ellipse's reach in standard deviations of a t distribution of two dimensions."""
     if math.isinf(degrees_of_freedom):
         return math.sqrt(chdtri(2, 1.0 - _ELLIPSE_PROBABILITY))
     nu = degrees_of_freedom
@@ -142,9 +128,8 @@ def _header(width_px: int, result: FusionResult) -> Image:
     colour = _GOOD if result.verdict.accepted else RED
     end_px = canvas.text("Fused map", _EDGE_PX, 40, size_px=28, bold=True)
     canvas.text(verdict, end_px + 14, 40, size_px=24, colour=colour, bold=True)
-    agreement = (
-        "" if result.after.wall_share is None else f"{result.after.wall_share:.0%} of shared walls coincide"
-    )
+    share = result.after.wall_share
+    agreement = "" if share is None else f"{share:.0%} of shared walls coincide"
     canvas.text(agreement, width_px - _EDGE_PX, 40, size_px=17, colour=MUTED, right=True)
     u_px = float(_EDGE_PX)
     for patch, words in ((RED, "map and robot 0"), (BLUE, "map and robot 1"), (BOTH, "walls of both")):
@@ -154,8 +139,7 @@ def _header(width_px: int, result: FusionResult) -> Image:
     canvas.polyline(np.array([[u_px, 74], [u_px + 12, 62]]), colour=_MEETING, width_px=2)
     u_px = canvas.text("seen here", u_px + 18, 74, size_px=17) + 22
     if result.covariance is not None:
-        turns = np.linspace(0.0, 2.0 * math.pi, 24, endpoint=False)
-        ring = np.stack([u_px + 7 + 7.0 * np.cos(turns), 68 + 5.0 * np.sin(turns)], axis=1)
-        canvas.polyline(ring, colour=_MEETING, width_px=2, closed=True)
+        ring_px = _CIRCLE * (7.0, 5.0) + (u_px + 7, 68)
+        canvas.polyline(ring_px, colour=_MEETING, width_px=2, closed=True)
         canvas.text(f"{_ELLIPSE_PROBABILITY:.0%}", u_px + 20, 74, size_px=17)
     return canvas.image

@@ -1,4 +1,4 @@
-"""Panels of a rendezvous: one robot's map with its path, or both maps laid over each other."""
+"""Panels of a pair: one robot's map with its path, or both maps laid over each other."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from rendezvous.evaluation.pictures.canvas import BLUE, INK, PAPER, RED, UNSEEN, Canvas, Colour, Image, View
-from rendezvous.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, grid_from_png
+from rendezvous.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN, Mask, OccupancyGrid, grid_from_png
 from rendezvous.geometry.se2 import SE2, Array
 
 SEEN: tuple[Colour, Colour, Colour] = ((251, 228, 226), (222, 233, 250), (240, 234, 244))
@@ -26,61 +26,57 @@ _PANEL_MARGIN_M = 0.3
 _ROBOT_RADIUS_M = 0.105
 
 Layers = Sequence[tuple[int, SE2]]
-"""Robots whose maps are drawn, and where: `T_d_m`, the pose of each map in the panel's frame d."""
+"""The robots whose maps are drawn, each with `T_d_m`, the pose of its map in the panel's frame d."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Rendezvous:
-    """One row of the pairs table, as a picture needs it."""
+class PairMaps:
+    """A row of `pairs` and its decoded maps."""
 
     row: Mapping[str, Any]
     grids: tuple[OccupancyGrid, OccupancyGrid]
 
     @staticmethod
-    def of(row: Mapping[str, Any]) -> Rendezvous:
+    def of(row: Mapping[str, Any]) -> PairMaps:
         """Decodes the maps of a row of `PAIRS.rows`.
 
         Raises:
-            MapError: a map is no greyscale PNG.
+            MapError: a map is not a greyscale PNG.
         """
         grid_0, grid_1 = (
             grid_from_png(row[f"map_{i}"], resolution_m=row["resolution_m"], T_m_g=row[f"origin_{i}"])
             for i in (0, 1)
         )
-        return Rendezvous(row=row, grids=(grid_0, grid_1))
+        return PairMaps(row=row, grids=(grid_0, grid_1))
 
-    def T_m0_m(self, robot: int) -> SE2:
-        """Where the maps agree at the meeting: the pose of a robot's map in m0."""
-        local: SE2 = self.row["T_m0_m1_local"]
-        return local if robot else SE2.identity()
-
-    def T_m0_m_true(self, robot: int) -> SE2:
-        """The pose of a robot's true start in m0."""
-        start: SE2 = self.row["T_m0_m1"]
-        return start if robot else SE2.identity()
+    def T_m0_m(self, robot: int, *, true: bool = False) -> SE2:
+        """The pose of a robot's map in m0 as they agree at the rendezvous, or as the robots started."""
+        return self.row["T_m0_m1" if true else "T_m0_m1_local"] if robot else SE2.identity()
 
 
-def bounds_m(pair: Rendezvous, layers: Layers) -> tuple[Array, Array]:
-    """Lower and upper corner [m] around what the maps of a panel know, with a margin."""
+def bounds_m(pair: PairMaps, layers: Layers) -> tuple[Array, Array]:
+    """Lower and upper corner (2,) [m] around all known cells of a panel's maps, with a margin."""
     points_m = np.concatenate([T @ pair.grids[i].cell_centres(pair.grids[i].known()) for i, T in layers])
     return points_m.min(axis=0) - _PANEL_MARGIN_M, points_m.max(axis=0) + _PANEL_MARGIN_M
 
 
 def map_panel(
-    pair: Rendezvous,
+    pair: PairMaps,
     layers: Layers,
     view: View,
     size_px: tuple[int, int],
     T_w_m0: SE2 | None,
 ) -> Image:
-    """One panel: cells, paths and robots of one map in its own frame, or of both in w (`T_w_m0`)."""
+    """Cells, paths and robots of one map in its own frame, or of both maps in w if given `T_w_m0`."""
     canvas = Canvas(*size_px, UNSEEN)
     maps = [sampled(pair.grids[i], T, view, size_px) for i, T in layers]
-    canvas.image[:] = blended(maps) if T_w_m0 else _greys(maps[0])
+    cells = maps[0]
+    greys = [(cells == FREE, PAPER), (cells == OCCUPIED, INK)]
+    canvas.image[:] = blended(maps) if T_w_m0 else _painted(greys, cells.shape)
     if T_w_m0:
         _draw_sighting(canvas, pair, view, T_w_m0)
     for robot, T in layers:
-        true = T_w_m0 @ pair.T_m0_m_true(robot) if T_w_m0 else T
+        true = T_w_m0 @ pair.T_m0_m(robot, true=True) if T_w_m0 else T
         _draw_path(canvas, pair, robot, view, T_d_m=T, T_d_m_true=true)
     if T_w_m0:
         canvas.scale_bar(14, size_px[1] - 16, px_per_m=view.px_per_m, longest_px=160)
@@ -88,7 +84,7 @@ def map_panel(
 
 
 def sampled(grid: OccupancyGrid, T_d_m: SE2, view: View, size_px: tuple[int, int]) -> Image:
-    """(2H, 2W) the map's values at twice the panel's pixels, in the panel's frame d."""
+    """(2H, 2W) the map's values at twice the panel's resolution, in the panel's frame d."""
     # From pixels to cells is an affine map: sums of a row and a column instead of products at each pixel.
     T_g_d = (T_d_m @ grid.T_m_g).inverse()
     first, along_u, along_v = (
@@ -103,45 +99,34 @@ def sampled(grid: OccupancyGrid, T_d_m: SE2, view: View, size_px: tuple[int, int
     return bordered[row + 1, col + 1]
 
 
-def _greys(cells: Image) -> Image:
-    return _halved(_painted([(cells == FREE, PAPER), (cells == OCCUPIED, INK)], cells.shape))
-
-
 def blended(cells: Sequence[Image]) -> Image:
-    """Red and blue where one map has something, violet where both have."""
+    """Two maps of `sampled` over each other: red and blue where one has something, violet where both do."""
     known = [c != UNKNOWN for c in cells]
     walls = [c == OCCUPIED for c in cells]
-    return _halved(
-        _painted(
-            [
-                (known[0], SEEN[0]),
-                (known[1], SEEN[1]),
-                (known[0] & known[1], SEEN[2]),
-                (walls[0], RED),
-                (walls[1], BLUE),
-                (walls[0] & walls[1], BOTH),
-            ],
-            cells[0].shape,
-        )
-    )
+    layers = [
+        (known[0], SEEN[0]),
+        (known[1], SEEN[1]),
+        (known[0] & known[1], SEEN[2]),
+        (walls[0], RED),
+        (walls[1], BLUE),
+        (walls[0] & walls[1], BOTH),
+    ]
+    return _painted(layers, cells[0].shape)
 
 
-def _painted(layers: Sequence[tuple[Any, Colour]], shape: tuple[int, ...]) -> Image:
+def _painted(layers: Sequence[tuple[Mask, Colour]], shape: tuple[int, ...]) -> Image:
+    """Colours where masks (2H, 2W) hold, later ones on top, at half the size."""
     image = np.full((*shape, 3), UNSEEN, np.uint8)
     for mask, colour in layers:
         image[mask] = colour
-    return image
-
-
-def _halved(image: Image) -> Image:
-    half = (image.shape[1] // 2, image.shape[0] // 2)
+    half = (shape[1] // 2, shape[0] // 2)
     return np.asarray(cv2.resize(image, half, interpolation=cv2.INTER_AREA), dtype=np.uint8)
 
 
 def _draw_path(
-    canvas: Canvas, pair: Rendezvous, robot: int, view: View, *, T_d_m: SE2, T_d_m_true: SE2
+    canvas: Canvas, pair: PairMaps, robot: int, view: View, *, T_d_m: SE2, T_d_m_true: SE2
 ) -> None:
-    """The robot's path by SLAM, thick, and the true one, thin; its start, and the robot where it met."""
+    """Draws a robot, its start, and its path: by SLAM as a thick line, the true one as a thin line."""
     colour = _COLOURS[robot]
     estimated_m, true_m = (pair.row[f"trajectory_{robot}{suffix}"][:, 1:3] for suffix in ("", "_true"))
     canvas.polyline(view.uv_px(T_d_m @ estimated_m), colour=colour, width_px=3)
@@ -151,7 +136,7 @@ def _draw_path(
 
 
 def draw_robot(canvas: Canvas, view: View, T_d_r: SE2, colour: Colour) -> None:
-    """Draws a disc with a nose, as large as the robot or as can be seen."""
+    """Draws a disc with a nose, as large as the robot, but never too small to be seen."""
     radius_px = max(_ROBOT_RADIUS_M * view.px_per_m, 7.0)
     nose_m = np.array([[0.0, 0.0], [2.0 * radius_px / view.px_per_m, 0.0]])
     nose_px = view.uv_px(T_d_r @ nose_m)
@@ -160,8 +145,8 @@ def draw_robot(canvas: Canvas, view: View, T_d_r: SE2, colour: Colour) -> None:
     canvas.polyline(nose_px, colour=colour, width_px=4)
 
 
-def _draw_sighting(canvas: Canvas, pair: Rendezvous, view: View, T_w_m0: SE2) -> None:
-    """The camera's field of view, as far as the robot it sees."""
+def _draw_sighting(canvas: Canvas, pair: PairMaps, view: View, T_w_m0: SE2) -> None:
+    """Draws the camera's field of view, as far as the robot that it sees."""
     row = pair.row
     left_rad = math.atan2(row["K"][0, 2] + 0.5, row["K"][0, 0])
     right_rad = -math.atan2(row["image_width_px"] - 0.5 - row["K"][0, 2], row["K"][0, 0])

@@ -10,21 +10,24 @@ from rendezvous.evaluation.pictures.canvas import (
     INK,
     MUTED,
     PAPER,
+    SHEET_MARGIN_PX,
     UNSEEN,
     Canvas,
     Colour,
     Image,
     View,
     fitted_view,
+    in_columns,
     shortened,
     text_width_px,
+    titled,
 )
 from rendezvous.floorplan.records import Floorplan, Shape, Solid
 from rendezvous.geometry.se2 import Array
 
 _COLUMNS = 4
 _CELL_WIDTH_PX, _CELL_HEIGHT_PX, _CAPTION_PX = 420, 330, 58
-_MARGIN_PX, _TITLE_PX = 28, 84
+_TITLE_PX = 84
 _FURNITURE: Colour = (214, 188, 150)
 _FURNITURE_EDGE: Colour = (150, 120, 80)
 _CIRCLE = np.stack([np.cos(np.linspace(0, 2 * np.pi, 33)), np.sin(np.linspace(0, 2 * np.pi, 33))], axis=1)
@@ -38,17 +41,10 @@ def plan_sheet(plans: Sequence[FurnishedPlan], *, title: str, subtitle: str = ""
     Returns:
         (H, W, 3) uint8 RGB.
     """
-    header = Canvas(_COLUMNS * _CELL_WIDTH_PX + 2 * _MARGIN_PX, _TITLE_PX)
-    end_px = header.text(title, _MARGIN_PX, 52, size_px=32, bold=True)
-    header.text(subtitle, end_px + 18, 52, size_px=20, colour=MUTED)
-    blank = Canvas(_CELL_WIDTH_PX, _CELL_HEIGHT_PX + _CAPTION_PX).image
+    width_px = _COLUMNS * _CELL_WIDTH_PX + 2 * SHEET_MARGIN_PX
+    header = titled(width_px, _TITLE_PX, title, subtitle, baseline_px=52).image
     cells = [_cell(plan, solids) for plan, solids in plans]
-    cells += [blank] * (-len(cells) % _COLUMNS)
-    edge = Canvas(_MARGIN_PX, _CELL_HEIGHT_PX + _CAPTION_PX).image
-    lines = [
-        np.concatenate([edge, *cells[i : i + _COLUMNS], edge], axis=1) for i in range(0, len(cells), _COLUMNS)
-    ]
-    return np.concatenate([header.image, *lines])
+    return np.concatenate([header, *in_columns(cells, width_px=width_px, columns=_COLUMNS)])
 
 
 def _cell(plan: Floorplan, solids: Sequence[Solid]) -> Image:
@@ -68,7 +64,8 @@ def _cell(plan: Floorplan, solids: Sequence[Solid]) -> Image:
     for ring_px in rings_px:
         canvas.polyline(ring_px, colour=INK, width_px=2, closed=True)
     _label_rooms(canvas, plan, view)
-    _caption(canvas, plan, px_per_m)
+    canvas.text(shortened(plan.plan_id, 26), 8, _CELL_HEIGHT_PX + 22, size_px=18, bold=True)
+    canvas.scale_bar(_CELL_WIDTH_PX - 160, _CELL_HEIGHT_PX + 16, px_per_m=px_per_m, longest_px=100)
     return canvas.image
 
 
@@ -77,7 +74,7 @@ def _footprint_m(solid: Solid) -> Array:
 
 
 def _label_rooms(canvas: Canvas, plan: Floorplan, view: View) -> None:
-    """Names the rooms that have space for their name."""
+    """Writes names into the rooms that are wide enough."""
     for room in plan.rooms:
         corners_px = view.uv_px(np.array(room.box_m).reshape(2, 2))
         name = room.category.replace("_", " ").lower()
@@ -85,8 +82,3 @@ def _label_rooms(canvas: Canvas, plan: Floorplan, view: View) -> None:
         if abs(corners_px[1, 0] - corners_px[0, 0]) > width_px + 8:
             u_px, v_px = corners_px.mean(axis=0)
             canvas.text(name, u_px - width_px / 2.0, v_px + 5, size_px=15, colour=MUTED)
-
-
-def _caption(canvas: Canvas, plan: Floorplan, px_per_m: float) -> None:
-    canvas.text(shortened(plan.plan_id, 26), 8, _CELL_HEIGHT_PX + 22, size_px=18, bold=True)
-    canvas.scale_bar(_CELL_WIDTH_PX - 160, _CELL_HEIGHT_PX + 16, px_per_m=px_per_m, longest_px=100)

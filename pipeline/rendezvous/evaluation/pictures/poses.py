@@ -1,4 +1,4 @@
-"""Pictures of the robot as a camera sees it, with its label drawn over: cuboid, heading, box."""
+"""Pictures of the robot as a camera sees it, with its label on top: cuboid, heading, box."""
 
 from __future__ import annotations
 
@@ -13,11 +13,14 @@ from rendezvous.errors import PipelineError
 from rendezvous.evaluation.pictures.canvas import (
     MUTED,
     PAPER,
+    SHEET_MARGIN_PX,
     SHEET_WIDTH_PX,
     Canvas,
     Colour,
     Image,
+    in_columns,
     shortened,
+    titled,
 )
 from rendezvous.geometry.cuboid import CUBOID_CORNER_SIGNS
 from rendezvous.geometry.se2 import Array
@@ -26,14 +29,13 @@ CUBOID_COLOUR: Colour = (0, 214, 255)
 FRONT_COLOUR: Colour = (255, 140, 0)
 BOX_COLOUR: Colour = (250, 250, 250)
 
-_COLUMNS = 4
-_MARGIN_PX, _GAP_PX = 28, 16
+_COLUMNS, _GAP_PX = 4, 16
 _HEADER_PX, _CAPTION_PX = 112, 46
 _DOT_PX, _LINE_PX, _FRAME_PX = 3.0, 1, 3
 _SMALL_SHARE, _INSET_SHARE, _INSET_MARGIN, _LEAST_CROP_PX = 0.25, 0.42, 1.5, 24
-"""A square around the robot, by a margin larger, is magnified if it is less than a share of the image."""
+"""The square around the robot, enlarged by a margin, is magnified if it is a small share of the image."""
 _BEYOND_PX = 9.0
-"""Lines go on so far beyond the image that their ends do not show on it."""
+"""How far lines go on beyond the image, so that their ends do not show."""
 
 _CORNERS = CUBOID_CORNER_SIGNS[:8]
 _EDGES = tuple(
@@ -47,10 +49,10 @@ _CENTROID = 8
 
 
 def pose_sheet(rows: Sequence[Mapping[str, Any]], *, title: str, subtitle: str = "") -> Image:
-    """Four images to a line, each with its label drawn over and told below.
+    """A sheet of images, four to a line, each with its label drawn on it and described below.
 
     Args:
-        rows: rows as `POSES.rows`, `VIEWS.rows` or `PAIRS.rows` give them, each with an image.
+        rows: rows of `POSES.rows`, `VIEWS.rows` or `PAIRS.rows`, each with an image.
         title, subtitle: first line of the sheet.
 
     Returns:
@@ -59,15 +61,16 @@ def pose_sheet(rows: Sequence[Mapping[str, Any]], *, title: str, subtitle: str =
     Raises:
         PipelineError: an image cannot be decoded.
     """
-    width_px = (SHEET_WIDTH_PX - 2 * _MARGIN_PX - (_COLUMNS - 1) * _GAP_PX) // _COLUMNS
+    header = titled(SHEET_WIDTH_PX, _HEADER_PX, title, subtitle)
+    draw_label_legend(header, SHEET_MARGIN_PX, 86)
+    width_px = (SHEET_WIDTH_PX - 2 * SHEET_MARGIN_PX - (_COLUMNS - 1) * _GAP_PX) // _COLUMNS
     cells = [_cell(row, width_px) for row in rows]
-    lines = [_line(cells[i : i + _COLUMNS]) for i in range(0, len(cells), _COLUMNS)]
-    foot = Canvas(SHEET_WIDTH_PX, _MARGIN_PX // 2).image
-    return np.concatenate([_header(title, subtitle), *lines, foot])
+    lines = in_columns(cells, width_px=SHEET_WIDTH_PX, columns=_COLUMNS, gap_px=_GAP_PX)
+    return np.concatenate([header.image, *lines, Canvas(SHEET_WIDTH_PX, SHEET_MARGIN_PX // 2).image])
 
 
 def labelled_image(row: Mapping[str, Any], *, width_px: int) -> Image:
-    """A row's image, scaled, with its label drawn over: cuboid, front, centroid, box.
+    """A row's image, scaled, with its label drawn on it: cuboid, front, centroid, box.
 
     A robot so small that the lines would hide it is shown magnified in a corner as well.
 
@@ -88,11 +91,11 @@ def labelled_image(row: Mapping[str, Any], *, width_px: int) -> Image:
 
 
 def image_with_cuboid(image: Image, uv_px: Array) -> Image:
-    """A picture with a cuboid drawn over: its edges, its front, its centroid.
+    """A picture with a cuboid drawn on it: its edges, its front, its centroid.
 
     Args:
         image: (H, W, 3) uint8 RGB.
-        uv_px: (9, 2) its points in DOPE's order; NaN for one that is not known.
+        uv_px: (9, 2) the cuboid's points in DOPE's order, NaN where unknown.
     """
     canvas = Canvas(image.shape[1], image.shape[0])
     canvas.image[:] = image
@@ -106,7 +109,7 @@ def visibility_words(row: Mapping[str, Any]) -> str:
 
 
 def draw_label_legend(canvas: Canvas, u_px: float, v_px: float) -> float:
-    """Writes what the lines over an image stand for, on one line; returns where it ends."""
+    """Writes on one line what the lines on an image stand for; returns the u where it ends."""
     for colour, width_px, name in (
         (FRONT_COLOUR, 4, "the robot's front"),
         (CUBOID_COLOUR, 4, "its cuboid"),
@@ -126,14 +129,14 @@ def _decoded(row: Mapping[str, Any]) -> Image:
 
 
 def _scaled(uv_px: Array, scale: float) -> Array:
-    """Pixels of a scaled image: pixel (0, 0) is the centre of the first pixel, not its corner."""
+    """The pixels of a scaled image, in which (0, 0) is the centre of the first pixel, not its corner."""
     return (uv_px + 0.5) * scale - 0.5
 
 
 def _square_around_small(
     row: Mapping[str, Any], shape: tuple[int, ...]
 ) -> tuple[NDArray[np.int64], int] | None:
-    """The corner (2,) and side [px] of a square of the image around its robot, if it is seen and small."""
+    """Corner (2,) and side [px] of the square around a robot that is visible and small, else None."""
     uv_px = row["projected_cuboid_px"]
     if uv_px is None or row["box_px"] is None or not np.isfinite(uv_px).all():
         return None
@@ -148,7 +151,7 @@ def _square_around_small(
 def _draw_inset(
     canvas: Canvas, image: Image, row: Mapping[str, Any], corner_px: NDArray[np.int64], side_px: int
 ) -> None:
-    """A square of the image, magnified, with the label, in the corner of the picture opposite to it."""
+    """Draws a square of the image, magnified and with the label, in the corner farthest from it."""
     height_px, width_px = canvas.image.shape[:2]
     u_px, v_px = corner_px
     inset_px = round(_INSET_SHARE * height_px)
@@ -160,13 +163,16 @@ def _draw_inset(
     at_u = 0 if u_px + side_px / 2.0 > image.shape[1] / 2.0 else width_px - inset_px
     at_v = 0 if v_px + side_px / 2.0 > image.shape[0] / 2.0 else height_px - inset_px
     canvas.image[max(at_v - _FRAME_PX, 0) :][:framed_px, max(at_u - _FRAME_PX, 0) :][:, :framed_px] = PAPER
-    canvas.image[at_v:][:inset_px, at_u:][:, :inset_px] = inset.image
+    canvas.paste(inset.image, at_u, at_v)
 
 
 def _draw_label(
     canvas: Canvas, row: Mapping[str, Any], *, scale: float, corner_px: NDArray[np.int64] | int = 0
 ) -> None:
-    """Box, cuboid, centroid, and a line from it to the front's middle, over an image cut at a corner."""
+    """Draws box, cuboid, centroid and the line from there to the front's middle.
+
+    The canvas shows the part of the image from `corner_px` on, magnified by `scale`.
+    """
     if row["box_px"] is not None:
         (u0, v0), (u1, v1) = _scaled(row["box_px"].reshape(2, 2) - corner_px, scale)
         ring = np.array([[u0, v0], [u1, v0], [u1, v1], [u0, v1]])
@@ -182,20 +188,20 @@ def _draw_label(
 
 
 def _draw_edges(canvas: Canvas, uv_px: Array) -> None:
-    """The cuboid's edges between known corners, the front's last."""
+    """Draws the cuboid's edges between known corners, those of the front last."""
     for i, j in sorted(_EDGES, key=_FRONT.issuperset):
         colour = FRONT_COLOUR if _FRONT.issuperset((i, j)) else CUBOID_COLOUR
         _draw_clipped(canvas, uv_px[i], uv_px[j], colour)
 
 
 def _inside(canvas: Canvas, uv_px: Array) -> bool:
-    """Whether a pixel (2,) lies on the picture; one that is not known (NaN) does not."""
+    """Whether a pixel (2,) lies on the picture; an unknown one (NaN) does not."""
     height_px, width_px = canvas.image.shape[:2]
     return bool((uv_px >= 0.0).all() and (uv_px < (width_px, height_px)).all())
 
 
 def _draw_clipped(canvas: Canvas, start_px: Array, end_px: Array, colour: Colour) -> None:
-    """The part of a line that lies on the image; nothing of a line whose end is not known (NaN).
+    """Draws the part of a line that lies on the image, nothing if an end is unknown (NaN).
 
     A point near the camera's plane lies so far outside that OpenCV's fixed-point pixels would overflow.
     """
@@ -214,38 +220,14 @@ def _draw_clipped(canvas: Canvas, start_px: Array, end_px: Array, colour: Colour
         canvas.polyline(ends_px, colour=colour, width_px=_LINE_PX)
 
 
-def _header(title: str, subtitle: str) -> Image:
-    canvas = Canvas(SHEET_WIDTH_PX, _HEADER_PX)
-    end_px = canvas.text(title, _MARGIN_PX, 48, size_px=32, bold=True)
-    canvas.text(subtitle, end_px + 18, 48, size_px=20, colour=MUTED)
-    draw_label_legend(canvas, _MARGIN_PX, 86)
-    return canvas.image
-
-
-def _line(cells: Sequence[Image]) -> Image:
-    """Cells side by side on a line of the sheet's width; each begins at its place if some are missing."""
-    canvas = Canvas(SHEET_WIDTH_PX, max(cell.shape[0] for cell in cells))
-    for place, cell in enumerate(cells):
-        left_px = _MARGIN_PX + place * (cell.shape[1] + _GAP_PX)
-        canvas.image[: cell.shape[0], left_px : left_px + cell.shape[1]] = cell
-    return canvas.image
-
-
 def _cell(row: Mapping[str, Any], width_px: int) -> Image:
     image = labelled_image(row, width_px=width_px)
     canvas = Canvas(width_px, image.shape[0] + _CAPTION_PX)
-    canvas.image[: image.shape[0]] = image
-    baseline_px = image.shape[0] + 24
-    end_px = canvas.text(visibility_words(row), 0, baseline_px, size_px=18, bold=True)
+    canvas.paste(image, 0, 0)
+    v_px = image.shape[0] + 24
+    end_px = canvas.text(visibility_words(row), 0, v_px, size_px=18, bold=True)
     if row["T_c_o"] is not None:
-        distance_m = np.linalg.norm(row["T_c_o"][:3, 3])
-        canvas.text(f"at {distance_m:.2f} m", end_px + 8, baseline_px, size_px=18)
-    canvas.text(
-        row.get("mode") or shortened(row["plan_id"], 12),
-        width_px,
-        baseline_px,
-        size_px=18,
-        colour=MUTED,
-        right=True,
-    )
+        canvas.text(f"at {np.linalg.norm(row['T_c_o'][:3, 3]):.2f} m", end_px + 8, v_px, size_px=18)
+    name = row.get("mode") or shortened(row["plan_id"], 12)
+    canvas.text(name, width_px, v_px, size_px=18, colour=MUTED, right=True)
     return canvas.image
