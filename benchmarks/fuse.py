@@ -33,7 +33,7 @@ from rendezvous.fusion.sighted_pose import SightedPose
 from rendezvous.fusion.system import fuse_maps
 from rendezvous.geometry.se2 import SE2
 from rendezvous.interop.ros_map import write_ros_map
-from rendezvous.pose_estimation.relative_pose import ImagePoseEstimator
+from rendezvous.pose_estimation.pose_estimate import ImagePoseEstimator
 from rendezvous.schema import PAIRS
 from rendezvous.stages.weights.pose_source import PoseWeights
 

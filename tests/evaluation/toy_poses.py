@@ -9,7 +9,7 @@ import numpy as np
 from rendezvous.evaluation.relative_pose.errors import ImageTruth, PoseOutcome, PoseOutcomes, as_seen
 from rendezvous.geometry.camera import camera_pose, se3_from_se2
 from rendezvous.geometry.se2 import SE2
-from rendezvous.pose_estimation.relative_pose import PoseMode, RelativePose
+from rendezvous.pose_estimation.pose_estimate import PoseMode, RelativePose
 
 T_R0_C = camera_pose(np.array([0.03, 0.0, 0.12]), np.zeros(3))
 

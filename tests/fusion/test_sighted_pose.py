@@ -8,7 +8,7 @@ from rendezvous.alignment.spread import log_density
 from rendezvous.errors import SightingError
 from rendezvous.fusion.sighted_pose import SightedPose, sighted_pose
 from rendezvous.geometry.se2 import SE2, Array
-from rendezvous.pose_estimation.relative_pose import PoseMode, RelativePose
+from rendezvous.pose_estimation.pose_estimate import PoseMode, RelativePose
 
 TRUE = SE2(1.6, -0.3, 2.5)
 SHAPE = np.array([[0.010, 0.004, 0.001], [0.004, 0.006, -0.001], [0.001, -0.001, 0.003]])

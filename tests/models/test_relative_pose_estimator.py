@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import pytest
 import torch
-from rendezvous.geometry.camera import PinholeCamera
+from rendezvous.geometry.camera import Image, PinholeCamera
 from rendezvous.geometry.se2 import Array
 from rendezvous.models.relative_pose import RelativePoseConfig, RelativePoseNet
 from rendezvous.models.relative_pose_estimator import (
@@ -17,12 +17,12 @@ from rendezvous.models.relative_pose_estimator import (
     RelativePoseEstimator,
     first_look,
 )
-from rendezvous.pose_estimation.cuboids import cuboids
-from rendezvous.pose_estimation.look import Image, Look
+from rendezvous.pose_estimation.cuboids import detect_cuboids
+from rendezvous.pose_estimation.look import Look
+from rendezvous.pose_estimation.observation_model import ObservationModel
 from rendezvous.pose_estimation.peaks import belief_peaks
-from rendezvous.pose_estimation.sighting import Sighting
 
-from tests.pose_estimation.sightings import CAMERA, burger, error, maps_of, setting, sighting
+from tests.pose_estimation.observations import CAMERA, burger, error, maps_of, observation, state
 
 IMAGE = np.zeros((480, 640, 3), np.uint8)
 
@@ -43,7 +43,9 @@ class Drawing(RelativePoseEstimator):
             noise = np.random.default_rng(0).normal(0.0, 0.01, belief.shape)
             belief = (self.height * belief + noise).astype(np.float32)
             peaks = belief_peaks(belief, sigma_cells=1.0)
-            out.append(Looked(look=look, belief_9hw=belief, peaks=peaks, cuboids=cuboids(peaks, vectors)))
+            out.append(
+                Looked(look=look, belief_9hw=belief, peaks=peaks, cuboids=detect_cuboids(peaks, vectors))
+            )
         return out
 
 
@@ -54,7 +56,7 @@ def net() -> RelativePoseNet:
     ).eval()
 
 
-def drawing(before: Sighting, *settings: Array, **changed: float) -> Drawing:
+def drawing(before: ObservationModel, *settings: Array, **changed: float) -> Drawing:
     uv = before.project(np.array(settings).reshape(-1, 6))
     return Drawing(network=net(), robot=burger(), uv_N92=uv, **changed)
 
@@ -66,9 +68,9 @@ def inside(uv_92: Array) -> bool:
 @pytest.mark.parametrize("floor", [True, False])
 @pytest.mark.parametrize("looks", [1, 3])
 def test_a_robot_is_found_wherever_it_stands(floor, looks):
-    rng, before, tried = np.random.default_rng(0), sighting(), 0
+    rng, before, tried = np.random.default_rng(0), observation(), 0
     while tried < 8:
-        true = setting(rng)
+        true = state(rng)
         estimator = replace(drawing(before, true), floor=floor, looks=looks)
         if not inside(estimator.uv_N92[0]):
             continue
@@ -85,7 +87,7 @@ def test_a_robot_is_found_wherever_it_stands(floor, looks):
 
 def test_any_image_size_does():
     camera = PinholeCamera(fx_px=910.0, fy_px=910.0, cx_px=644.0, cy_px=361.0, width_px=1283, height_px=717)
-    before = Sighting(camera=camera, T_r0_c=sighting().T_r0_c, robot=burger())
+    before = ObservationModel(camera=camera, T_r0_c=observation().T_r0_c, robot=burger())
     true = np.array([1.3, 0.2, 2.0, 0.0, 0.0, 0.0])
     found = drawing(before, true)(np.zeros((717, 1283, 3), np.uint8), camera, before.T_r0_c)
     assert error(found.best.T_r0_r1, true) == pytest.approx([0.0, 0.0, 0.0], abs=0.03)
@@ -95,14 +97,14 @@ def test_any_image_size_does():
 
 
 def test_the_robot_that_is_seen_best_is_read_of_two():
-    before = sighting()
+    before = observation()
     one, other = np.array([1.0, 0.25, 0.5, 0, 0, 0]), np.array([2.2, -0.6, 2.5, 0, 0, 0])
     found = drawing(before, one, other)(IMAGE, CAMERA, before.T_r0_c)
     assert min(np.abs(error(found.best.T_r0_r1, true)).max() for true in (one, other)) < 0.05
 
 
 def test_an_empty_image_gives_a_reason_and_no_pose():
-    before = sighting()
+    before = observation()
     found = drawing(before)(IMAGE, CAMERA, before.T_r0_c)
     assert not found.found
     assert found.reason == "nothing in the image looks like the robot"
@@ -110,7 +112,7 @@ def test_an_empty_image_gives_a_reason_and_no_pose():
 
 
 def test_what_is_hardly_like_a_robot_is_none():
-    before = sighting()
+    before = observation()
     true = np.array([1.3, 0.2, 2.0, 0.0, 0.0, 0.0])
     faint = drawing(before, true, height=0.15)
     found = faint(IMAGE, CAMERA, before.T_r0_c)
@@ -123,7 +125,7 @@ def test_what_is_hardly_like_a_robot_is_none():
 
 @pytest.mark.parametrize("x_m", [0.4, 0.6, 1.2, 2.5, 4.5])
 def test_some_first_look_shows_a_robot_at_a_size_that_was_trained(x_m: float):
-    uv_92 = sighting().project(np.array([[x_m, 0.0, 0.6, 0.0, 0.0, 0.0]]))[0]
+    uv_92 = observation().project(np.array([[x_m, 0.0, 0.6, 0.0, 0.0, 0.0]]))[0]
     spans_px = [first_look(CAMERA, f).scale * np.ptp(uv_92, axis=0).max() for f in FIRST_FOCAL_PX]
     assert any(10.0 < span_px < 140.0 for span_px in spans_px)
 
@@ -140,7 +142,7 @@ class Glimpsing(Drawing):
 
 
 def test_a_robot_that_was_glimpsed_is_looked_at_again_where_it_was_read():
-    before, true = sighting(), np.array([1.3, 0.2, 2.0, 0.0, 0.0, 0.0])
+    before, true = observation(), np.array([1.3, 0.2, 2.0, 0.0, 0.0, 0.0])
     estimator = Glimpsing(network=net(), robot=burger(), uv_N92=before.project(true[None]))
     found = estimator(IMAGE, CAMERA, before.T_r0_c)
     assert error(found.best.T_r0_r1, true) == pytest.approx([0.0, 0.0, 0.0], abs=0.03)
@@ -151,7 +153,7 @@ def test_a_robot_that_was_glimpsed_is_looked_at_again_where_it_was_read():
 
 
 def test_several_looks_see_points_at_different_places_in_a_cell():
-    before, true = sighting(), np.array([1.3, 0.2, 2.0, 0.0, 0.0, 0.0])
+    before, true = observation(), np.array([1.3, 0.2, 2.0, 0.0, 0.0, 0.0])
     estimator = drawing(before, true, looks=4)
     estimator(IMAGE, CAMERA, before.T_r0_c)
     places = [look.to_input(estimator.uv_N92[0, 8]) for look in estimator.looked[-4:]]
@@ -161,7 +163,7 @@ def test_several_looks_see_points_at_different_places_in_a_cell():
 
 
 def test_the_calibration_widens_what_is_told():
-    before = sighting()
+    before = observation()
     true = np.array([2.0, 0.0, 1.0, 0.0, 0.0, 0.0])
     narrow = drawing(before, true)
     wide = replace(narrow, calibration=replace(narrow.calibration, along_share=0.1))
@@ -171,7 +173,7 @@ def test_the_calibration_widens_what_is_told():
 
 
 def test_a_network_answers_any_image():
-    rng, before = np.random.default_rng(0), sighting()
+    rng, before = np.random.default_rng(0), observation()
     estimator = RelativePoseEstimator(network=net(), robot=burger())
     found = estimator(rng.integers(0, 255, (480, 640, 3), np.uint8), CAMERA, before.T_r0_c)
     assert not found.found

@@ -4,26 +4,28 @@ import numpy as np
 import pytest
 from rendezvous.pose_estimation.cuboid_pose import Reading, readings_in_space, readings_on_floor
 from rendezvous.pose_estimation.keypoint_evidence import KeypointNoise, evidence_of
-from rendezvous.pose_estimation.sighting import Sighting
+from rendezvous.pose_estimation.observation_model import ObservationModel
 
-from tests.pose_estimation.sightings import (
+from tests.pose_estimation.observations import (
     EXACT,
     Seen,
     error,
     look_at,
     maps_of,
+    observation,
     seen,
     seen_points,
-    setting,
     shaken,
-    sighting,
+    state,
 )
 
 TURNED = [2, 3, 0, 1, 6, 7, 4, 5, 8]
 """The corners as they would be named if the robot's front were its back."""
 
 
-def read(before: Sighting, found: Seen, *, floor: bool, noise: KeypointNoise = EXACT) -> list[Reading]:
+def read(
+    before: ObservationModel, found: Seen, *, floor: bool, noise: KeypointNoise = EXACT
+) -> list[Reading]:
     if floor:
         return readings_on_floor(before, found.evidence(noise), found.look, found.belief_9hw, found.peaks)
     return readings_in_space(before, found.evidence(noise), found.look, found.cuboids)
@@ -32,9 +34,9 @@ def read(before: Sighting, found: Seen, *, floor: bool, noise: KeypointNoise = E
 @pytest.mark.parametrize("floor", [True, False])
 @pytest.mark.parametrize("pitch_rad", [0.0, 0.15])
 def test_exact_maps_give_the_pose_back(floor, pitch_rad):
-    rng, before = np.random.default_rng(0), sighting(pitch_rad=pitch_rad)
+    rng, before = np.random.default_rng(0), observation(pitch_rad=pitch_rad)
     for _ in range(10):
-        true = setting(rng)
+        true = state(rng)
         true[1] *= 0.5
         best = read(before, seen_points(before.project(true[None])[0]), floor=floor)[0]
         found = error(best.T_r0_r1, true)
@@ -46,11 +48,11 @@ def test_exact_maps_give_the_pose_back(floor, pitch_rad):
 
 @pytest.mark.parametrize("floor", [True, False])
 def test_covariances_tell_the_errors(floor):
-    rng, before = np.random.default_rng(1), sighting()
+    rng, before = np.random.default_rng(1), observation()
     noise = KeypointNoise(floor_cells=0.15, scale=0.0)
     distances = []
     for _ in range(150):
-        true = setting(rng)
+        true = state(rng)
         uv = shaken(rng, before.project(true[None])[0], cells=0.15)
         best = read(before, seen_points(uv), floor=floor, noise=noise)[0]
         found = error(best.T_r0_r1, true)
@@ -60,9 +62,9 @@ def test_covariances_tell_the_errors(floor):
 
 
 def test_missing_points_cost_little_and_widen_the_covariance():
-    rng, before = np.random.default_rng(2), sighting()
+    rng, before = np.random.default_rng(2), observation()
     for _ in range(10):
-        true = setting(rng)
+        true = state(rng)
         uv = before.project(true[None])[0]
         whole = read(before, seen_points(uv), floor=True)[0]
         uv[rng.choice(8, 3, replace=False)] = np.nan
@@ -72,7 +74,7 @@ def test_missing_points_cost_little_and_widen_the_covariance():
 
 
 def test_a_stray_peak_is_not_followed():
-    before = sighting()
+    before = observation()
     true = np.array([1.5, 0.1, 0.7, 0.0, 0.0, 0.0])
     uv = before.project(true[None])[0]
     look = look_at(uv)
@@ -84,7 +86,7 @@ def test_a_stray_peak_is_not_followed():
 
 
 def test_front_and_back_stay_open_where_the_maps_leave_them_open():
-    before = sighting()
+    before = observation()
     true = np.array([1.2, -0.1, 0.4, 0.0, 0.0, 0.0])
     uv = before.project(true[None])[0]
     look = look_at(uv)
@@ -99,7 +101,7 @@ def test_front_and_back_stay_open_where_the_maps_leave_them_open():
 
 
 def test_a_turned_robot_is_read_as_turned():
-    before = sighting()
+    before = observation()
     uv = before.project(np.array([[1.2, -0.1, 0.4, 0.0, 0.0, 0.0]]))[0, TURNED]
     for floor in (True, False):
         yaw = read(before, seen_points(uv), floor=floor)[0].T_r0_r1.yaw_rad
@@ -107,9 +109,9 @@ def test_a_turned_robot_is_read_as_turned():
 
 
 def test_on_the_floor_three_points_are_enough():
-    rng, before = np.random.default_rng(3), sighting()
+    rng, before = np.random.default_rng(3), observation()
     for _ in range(10):
-        true = setting(rng, lean=0.0)
+        true = state(rng, lean=0.0)
         uv = before.project(true[None])[0]
         uv[[1, 2, 4, 5, 6, 7]] = np.nan
         found = seen_points(uv)
@@ -120,7 +122,7 @@ def test_on_the_floor_three_points_are_enough():
 
 
 def test_the_robot_in_the_middle_is_read_though_another_is_beside_it():
-    before = sighting()
+    before = observation()
     true = np.array([1.2, -0.1, 0.4, 0.0, 0.0, 0.0])
     uv = before.project(np.stack([true, true + np.array([0.1, 0.26, 1.0, 0.0, 0.0, 0.0])]))
     look = look_at(uv[0])
@@ -131,7 +133,7 @@ def test_the_robot_in_the_middle_is_read_though_another_is_beside_it():
 
 
 def test_two_looks_at_one_robot_say_no_more_than_one():
-    before = sighting()
+    before = observation()
     true = np.array([1.2, -0.1, 0.4, 0.0, 0.0, 0.0])
     found = seen_points(before.project(true[None])[0])
     once, twice = (
@@ -149,7 +151,7 @@ def test_two_looks_at_one_robot_say_no_more_than_one():
 
 
 def test_empty_maps_have_no_reading():
-    before = sighting()
+    before = observation()
     look = look_at(before.project(np.array([[1.0, 0.0, 0.0, 0.0, 0.0, 0.0]]))[0])
     nothing = seen(look, np.zeros((9, 20, 20), np.float32), np.zeros((16, 20, 20), np.float32))
     assert read(before, nothing, floor=True) == []

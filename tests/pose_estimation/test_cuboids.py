@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from rendezvous.geometry.cuboid import project_cuboid
-from rendezvous.pose_estimation.cuboids import cuboids
+from rendezvous.pose_estimation.cuboids import detect_cuboids
 from rendezvous.pose_estimation.dope_labels import belief_maps, vector_fields
 from rendezvous.pose_estimation.peaks import belief_peaks
 
@@ -30,7 +30,7 @@ def found(uv_N92, *, hidden=(), spurious=()):
     beliefs[list(hidden)] = 0.0
     for channel, row, col in spurious:
         beliefs[channel, row, col] = 0.9
-    return cuboids(belief_peaks(beliefs, sigma_cells=1.0), fields)
+    return detect_cuboids(belief_peaks(beliefs, sigma_cells=1.0), fields)
 
 
 def test_two_robots_are_told_apart():

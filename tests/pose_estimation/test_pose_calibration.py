@@ -17,7 +17,7 @@ from rendezvous.pose_estimation.pose_calibration_fit import (
     with_sharpness,
 )
 
-from tests.pose_estimation.sightings import seen_points, setting, shaken, sighting
+from tests.pose_estimation.observations import observation, seen_points, shaken, state
 
 
 def reading(
@@ -134,10 +134,10 @@ def test_probabilities_stay_where_no_image_has_several_readings():
 
 @pytest.mark.parametrize("cells", [0.08, 0.3])
 def test_the_noise_of_peaks_is_found_again(cells):
-    rng, before = np.random.default_rng(4), sighting()
+    rng, before = np.random.default_rng(4), observation()
     looks = []
     for _ in range(40):
-        uv_px = before.project(setting(rng)[None])[0]
+        uv_px = before.project(state(rng)[None])[0]
         found = seen_points(shaken(rng, uv_px, cells=cells))
         looks.append(SeenPeaks(look=found.look, peaks=found.peaks, uv_px=uv_px))
     assert likeliest_noise(looks, sigma_cells=1.0).floor_cells == pytest.approx(cells, rel=0.2)

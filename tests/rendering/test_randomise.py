@@ -25,7 +25,7 @@ from rendezvous.rendering.randomise import (
 from rendezvous.rendering.room_looks import draw_room_looks
 from rendezvous.rendering.scene import Material
 from rendezvous.rendering.thing_meshes import thing_meshes
-from rendezvous.rendering.viewpoints import draw_meeting, furnished_plan
+from rendezvous.rendering.viewpoints import draw_robot_poses, furnished_plan
 from rendezvous.robot_file import load_robot
 
 from tests.floorplan.plans import generated, plan_of
@@ -174,7 +174,7 @@ def _two_rooms():
 
 def test_distances_and_headings_are_uniform_where_there_is_room():
     rng = np.random.default_rng(0)
-    meetings = [draw_meeting(rng, _two_rooms(), BURGER, BURGER, DRAWS, absent=False) for _ in range(400)]
+    meetings = [draw_robot_poses(rng, _two_rooms(), BURGER, BURGER, DRAWS, absent=False) for _ in range(400)]
     between = [m.T_w_r0.inverse() @ m.T_w_r1 for m in meetings]
     quarter = np.bincount([int(2.0 * (pose.wrapped().yaw_rad / np.pi + 1.0)) % 4 for pose in between])
     far = np.mean([np.hypot(pose.x_m, pose.y_m) > 2.15 for pose in between])
@@ -186,14 +186,14 @@ def test_distances_and_headings_are_uniform_where_there_is_room():
 def test_a_plan_too_small_for_two_robots_is_refused():
     closet = furnished_plan(plan_of([[0, 0], [0.3, 0], [0.3, 0.3], [0, 0.3]]), (), wall_height_m=2.5)
     with pytest.raises(FloorplanError, match="no place for two robots"):
-        draw_meeting(np.random.default_rng(0), closet, BURGER, BURGER, DRAWS, absent=False)
+        draw_robot_poses(np.random.default_rng(0), closet, BURGER, BURGER, DRAWS, absent=False)
 
 
 def test_a_wall_between_the_robots_is_never_drawn():
     plan = plan_of([[0, 0], [1.9, 0], [1.9, 3.6], [2.1, 3.6], [2.1, 0], [4, 0], [4, 4], [0, 4]], plan_id="u")
     place, rng = furnished_plan(plan, (), wall_height_m=2.5), np.random.default_rng(0)
     for _ in range(40):
-        meeting = draw_meeting(rng, place, BURGER, BURGER, DRAWS, absent=False)
+        meeting = draw_robot_poses(rng, place, BURGER, BURGER, DRAWS, absent=False)
         ends_m = np.stack([pose.as_array()[:2] for pose in (meeting.T_w_r0, meeting.T_w_r1)])
         reach = shapely.LineString(ends_m).intersection(plan.free_space().buffer(0.12)).length
         assert reach == pytest.approx(np.linalg.norm(ends_m[1] - ends_m[0]), abs=0.1)

@@ -8,10 +8,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from rendezvous.geometry.camera import PinholeCamera, se3_from_se2
+from rendezvous.geometry.camera import Image, PinholeCamera, se3_from_se2
 from rendezvous.geometry.se2 import SE2, Array
-from rendezvous.pose_estimation.look import Image
-from rendezvous.pose_estimation.relative_pose import ImagePoseEstimator, PoseMode, RelativePose
+from rendezvous.pose_estimation.pose_estimate import ImagePoseEstimator, PoseMode, RelativePose
 from rendezvous.stages.training.seen_images import SeenImage
 
 

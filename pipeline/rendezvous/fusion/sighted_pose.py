@@ -15,7 +15,7 @@ import numpy as np
 
 from rendezvous.errors import SightingError
 from rendezvous.geometry.se2 import SE2, Array
-from rendezvous.pose_estimation.relative_pose import RelativePose
+from rendezvous.pose_estimation.pose_estimate import RelativePose
 
 OUTLIER_SHARE = 0.02
 """Of estimates from an image, those that are of something else. A guess on the safe side: calibrated

@@ -5,9 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rendezvous.errors import PipelineError
 from rendezvous.geometry.se2 import SE2, Array
+
+Image = NDArray[np.uint8]
+"""(H, W, 3) red, green, blue."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

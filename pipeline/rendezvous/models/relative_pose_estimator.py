@@ -14,19 +14,19 @@ from dataclasses import dataclass, field
 import numpy as np
 import torch
 
-from rendezvous.geometry.camera import PinholeCamera
+from rendezvous.geometry.camera import Image, PinholeCamera
 from rendezvous.geometry.cuboid import project_cuboid
 from rendezvous.geometry.se2 import Array
 from rendezvous.models.relative_pose import RelativePoseNet
 from rendezvous.pose_estimation.cuboid_pose import Reading, readings_in_space, readings_on_floor
-from rendezvous.pose_estimation.cuboids import Cuboid, cuboids
+from rendezvous.pose_estimation.cuboids import DetectedCuboid, detect_cuboids
 from rendezvous.pose_estimation.dope_labels import Maps
 from rendezvous.pose_estimation.keypoint_evidence import KeypointNoise, evidence_of
-from rendezvous.pose_estimation.look import STRIDE_PX, Image, Look
+from rendezvous.pose_estimation.look import STRIDE_PX, Look
+from rendezvous.pose_estimation.observation_model import ObservationModel, SeenRobot
 from rendezvous.pose_estimation.peaks import Peaks, belief_peaks
-from rendezvous.pose_estimation.pose_calibration import LEAST_MASS, PoseCalibration
-from rendezvous.pose_estimation.relative_pose import PoseMode, RelativePose
-from rendezvous.pose_estimation.sighting import SeenRobot, Sighting
+from rendezvous.pose_estimation.pose_calibration import LEAST_READING_MASS, PoseCalibration
+from rendezvous.pose_estimation.pose_estimate import PoseMode, RelativePose
 
 FIRST_FOCAL_PX = (308.0, 154.0)
 """Focal lengths of the first looks: all distances of a sighting give a robot of 10 to 140 px in one of
@@ -50,7 +50,7 @@ class CloseLook:
     """
 
     input_px: int = 160
-    span_px: float = 80.0
+    span_px: float = 100.0
     sigma_cells: float = 1.0
 
 
@@ -68,7 +68,7 @@ class Looked:
     look: Look
     belief_9hw: Maps = field(repr=False)
     peaks: Peaks = field(repr=False)
-    cuboids: list[Cuboid] = field(repr=False)
+    cuboids: list[DetectedCuboid] = field(repr=False)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -106,13 +106,13 @@ class RelativePoseEstimator:
 
     def __call__(self, image: Image, camera: PinholeCamera, T_r0_c: Array) -> RelativePose:
         """Where robot 1 stands; see `ImagePoseEstimator`."""
-        sighting = Sighting(camera=camera, T_r0_c=T_r0_c, robot=self.robot)
+        sighting = ObservationModel(camera=camera, T_r0_c=T_r0_c, robot=self.robot)
         found = self.detection(image, sighting)
         if found is None:
             return RelativePose.not_found("nothing in the image looks like the robot")
         return self.told(found, sighting)
 
-    def told(self, found: Detection, sighting: Sighting) -> RelativePose:
+    def told(self, found: Detection, sighting: ObservationModel) -> RelativePose:
         """The readings as the calibration has them, or why there are none."""
         calibration = self.calibration
         if not found.readings:
@@ -134,7 +134,7 @@ class RelativePoseEstimator:
                 degrees_of_freedom=calibration.degrees_of_freedom,
             )
             for reading, mass in zip(found.readings, masses, strict=True)
-            if mass >= LEAST_MASS
+            if mass >= LEAST_READING_MASS
         ]
         return RelativePose(
             modes=tuple(sorted(modes, key=lambda mode: -mode.mass)),
@@ -142,7 +142,7 @@ class RelativePoseEstimator:
             keypoints_px=_keypoints(found.looks[0], self._projected(found.readings[0], sighting.camera)),
         )
 
-    def detection(self, image: Image, sighting: Sighting) -> Detection | None:
+    def detection(self, image: Image, sighting: ObservationModel) -> Detection | None:
         """What looks most like the robot; None where nothing does."""
         places = self._candidates(image, sighting.camera)
         if not places:
@@ -157,7 +157,7 @@ class RelativePoseEstimator:
         return Detection(looks=several, readings=tuple(self.readings(several, sighting)))
 
     def readings(
-        self, looks: Sequence[Looked], sighting: Sighting, noise: KeypointNoise | None = None
+        self, looks: Sequence[Looked], sighting: ObservationModel, noise: KeypointNoise | None = None
     ) -> list[Reading]:
         """Poses that looks at one robot leave open, with peaks as exact as the calibration or `noise` has
         it."""
@@ -178,7 +178,9 @@ class RelativePoseEstimator:
         found = []
         for look, belief, vectors in zip(looks, belief_B9hw, fields_B16hw, strict=True):
             peaks = belief_peaks(belief, sigma_cells=self.close.sigma_cells)
-            found.append(Looked(look=look, belief_9hw=belief, peaks=peaks, cuboids=cuboids(peaks, vectors)))
+            found.append(
+                Looked(look=look, belief_9hw=belief, peaks=peaks, cuboids=detect_cuboids(peaks, vectors))
+            )
         return found
 
     @torch.inference_mode()

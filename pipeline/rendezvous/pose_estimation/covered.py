@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from rendezvous.geometry.camera import Image
 from rendezvous.geometry.se2 import Array
-from rendezvous.pose_estimation.look import Image
 
 
 def covered_image(image: Image, box_px: Array) -> Image:

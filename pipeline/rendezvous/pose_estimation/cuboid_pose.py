@@ -16,14 +16,14 @@ import numpy as np
 
 from rendezvous.geometry.cuboid import CUBOID_CORNER_SIGNS, cuboid_points, pose_from_cuboid
 from rendezvous.geometry.se2 import SE2, Array, wrap_angle
-from rendezvous.pose_estimation.cuboids import Cuboid
+from rendezvous.pose_estimation.cuboids import DetectedCuboid
 from rendezvous.pose_estimation.dope_labels import Maps
 from rendezvous.pose_estimation.floor_search import floor_poses, same_place
 from rendezvous.pose_estimation.keypoint_evidence import KeypointEvidence
 from rendezvous.pose_estimation.look import STRIDE_PX, Look
+from rendezvous.pose_estimation.observation_model import ObservationModel
 from rendezvous.pose_estimation.peaks import Peaks
-from rendezvous.pose_estimation.refinement import Refined, refined
-from rendezvous.pose_estimation.sighting import Sighting
+from rendezvous.pose_estimation.state_refinement import RefinedStates, refine
 
 MODES = 4
 _LEAST_LOG_SHARE = -12.0
@@ -58,39 +58,39 @@ class Reading:
 
 
 def readings_on_floor(
-    sighting: Sighting, evidence: KeypointEvidence, look: Look, belief_9hw: Maps, peaks: Peaks
+    model: ObservationModel, evidence: KeypointEvidence, look: Look, belief_9hw: Maps, peaks: Peaks
 ) -> list[Reading]:
     """The readings of robots on one level floor, the most probable first.
 
     Args:
-        sighting: camera and robot.
+        model: camera and robot.
         evidence: of all looks.
         look, belief_9hw, peaks: one of the looks, that poses are searched in.
     """
-    return _readings(sighting, evidence, floor_poses(sighting, look, belief_9hw, peaks), floor=True)
+    return _readings(model, evidence, floor_poses(model, look, belief_9hw, peaks), floor=True)
 
 
 def readings_in_space(
-    sighting: Sighting, evidence: KeypointEvidence, look: Look, cuboids: Sequence[Cuboid]
+    model: ObservationModel, evidence: KeypointEvidence, look: Look, cuboids: Sequence[DetectedCuboid]
 ) -> list[Reading]:
     """The readings of a robot at any height and tilt, the most probable first; x, y and yaw are kept of it.
 
     Args:
-        sighting: camera and robot.
+        model: camera and robot.
         evidence: of all looks.
         look: one of them.
         cuboids: what was found in it.
     """
     poses = [
-        pose for cuboid in cuboids for pose in _poses(sighting, look.to_image(STRIDE_PX * cuboid.uv_cells_92))
+        pose for cuboid in cuboids for pose in _poses(model, look.to_image(STRIDE_PX * cuboid.uv_cells_92))
     ]
-    settings = np.array([sighting.setting(T_c_o) for T_c_o in poses]).reshape(-1, 6)
-    return _readings(sighting, evidence, settings, floor=False)
+    states = np.array([model.state(T_c_o) for T_c_o in poses]).reshape(-1, 6)
+    return _readings(model, evidence, states, floor=False)
 
 
-def _poses(sighting: Sighting, uv_92: Array) -> list[Array]:
+def _poses(model: ObservationModel, uv_92: Array) -> list[Array]:
     """`T_c_o` by perspective-n-point from all points, all but one, and the faces, each also turned."""
-    size_m, camera = sighting.robot.size_m, sighting.camera
+    size_m, camera = model.robot.size_m, model.camera
     known = np.flatnonzero(np.isfinite(uv_92).all(axis=1))
     subsets = [uv_92]
     for left_out in known:
@@ -129,37 +129,35 @@ def _turned(yaw_rad: float) -> Array:
 
 
 def _readings(
-    sighting: Sighting, evidence: KeypointEvidence, settings_M6: Array, *, floor: bool
+    model: ObservationModel, evidence: KeypointEvidence, states_M6: Array, *, floor: bool
 ) -> list[Reading]:
-    if not len(settings_M6):
+    if not len(states_M6):
         return []
-    found = refined(sighting, evidence, settings_M6, floor=floor)
-    ahead = sighting.points_c(found.settings_M6)[:, 8, 2] > 0.0
-    usable = (
-        ahead & np.isfinite(found.log_evidence_M) & (np.abs(found.settings_M6[:, :2]).max(axis=1) < 100.0)
-    )
+    found = refine(model, evidence, states_M6, floor=floor)
+    ahead = model.points_c(found.states_M6)[:, 8, 2] > 0.0
+    usable = ahead & np.isfinite(found.log_evidence_M) & (np.abs(found.states_M6[:, :2]).max(axis=1) < 100.0)
     order = np.argsort(-found.log_evidence_M)
     left = order[usable[order]]
     kept = list[int]()
     while len(left) and len(kept) < MODES:
         best = int(left[0])
         kept.append(best)
-        same = same_place(found.settings_M6[left], found.settings_M6[best], _SAME_SHARE, _SAME_HEADING_RAD)
+        same = same_place(found.states_M6[left], found.states_M6[best], _SAME_SHARE, _SAME_HEADING_RAD)
         likely = found.log_evidence_M[left] > found.log_evidence_M[kept[0]] + _LEAST_LOG_SHARE
         left = left[~same & likely]
-    return [_reading(sighting, found, m) for m in kept]
+    return [_reading(model, found, m) for m in kept]
 
 
-def _reading(sighting: Sighting, found: Refined, m: int) -> Reading:
-    setting = found.settings_M6[m]
-    x_m, y_m, yaw_rad = setting[:3].tolist()
-    # From the axes of r0, in which settings are, to those of r1.
+def _reading(model: ObservationModel, found: RefinedStates, m: int) -> Reading:
+    state = found.states_M6[m]
+    x_m, y_m, yaw_rad = state[:3].tolist()
+    # From the axes of r0, in which states are, to those of r1.
     c, s = np.cos(yaw_rad), np.sin(yaw_rad)
     R = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
     return Reading(
         T_r0_r1=SE2(x_m, y_m, wrap_angle(yaw_rad)),
         covariance=R @ found.covariance_M66[m, :3, :3] @ R.T,
-        T_c_o=sighting.T_c_o(setting),
+        T_c_o=model.T_c_o(state),
         log_evidence=float(found.log_evidence_M[m]),
         explained=float(found.explained_M[m]),
         gain=float(found.gain_M[m]),

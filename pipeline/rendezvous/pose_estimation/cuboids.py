@@ -20,7 +20,7 @@ LEAST_CORNERS = 4
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Cuboid:
+class DetectedCuboid:
     """Peaks that belong together.
 
     Attributes:
@@ -48,7 +48,7 @@ class Cuboid:
         return float(np.max(np.nanmax(self.uv_cells_92, axis=0) - np.nanmin(self.uv_cells_92, axis=0)))
 
 
-def cuboids(peaks: Peaks, fields_Fhw: Maps) -> list[Cuboid]:
+def detect_cuboids(peaks: Peaks, fields_Fhw: Maps) -> list[DetectedCuboid]:
     """Cuboids in the maps, the one with the most belief first.
 
     Every corner goes to the centroid that its vector points to, of several to the nearest; every centroid
@@ -98,10 +98,10 @@ def _vectors(fields_Fhw: Maps, channel_N: np.ndarray, uv_N2: Array) -> Array:
     return np.divide(vectors, norms, out=np.zeros_like(vectors), where=norms > 0.0)
 
 
-def _cuboid(peaks: Peaks, corners: np.ndarray, centroid: int | None) -> Cuboid:
+def _cuboid(peaks: Peaks, corners: np.ndarray, centroid: int | None) -> DetectedCuboid:
     uv, height = np.full((9, 2), np.nan), np.zeros(9)
     for peak in [*corners.tolist(), *([] if centroid is None else [centroid])]:
         channel = peaks.channel_P[peak]
         if peaks.height_P[peak] > height[channel]:
             uv[channel], height[channel] = peaks.uv_cells_P2[peak], peaks.height_P[peak]
-    return Cuboid(uv_cells_92=uv, height_9=height)
+    return DetectedCuboid(uv_cells_92=uv, height_9=height)

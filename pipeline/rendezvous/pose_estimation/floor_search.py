@@ -14,8 +14,8 @@ from rendezvous.geometry.occupancy_grid import Mask
 from rendezvous.geometry.se2 import Array
 from rendezvous.pose_estimation.dope_labels import Maps
 from rendezvous.pose_estimation.look import STRIDE_PX, Look
+from rendezvous.pose_estimation.observation_model import HEIGHT_SIGMA_M, TILT_SIGMA_RAD, ObservationModel
 from rendezvous.pose_estimation.peaks import Peaks
-from rendezvous.pose_estimation.sighting import HEIGHT_SIGMA_M, TILT_SIGMA_RAD, Sighting
 
 HEADINGS = 72
 DISTANCES_M = tuple(float(d) for d in np.geomspace(0.2, 8.0, 64))
@@ -27,18 +27,18 @@ _APART_HEADING_RAD, _APART_SHARE = 0.3, 0.12
 """Poses that differ by less, in heading and in place as a share of the distance, are one."""
 
 
-def floor_poses(sighting: Sighting, look: Look, belief_9hw: Maps, peaks: Peaks) -> Array:
-    """(M, 6) settings that the maps speak for, the best first, all apart from each other.
+def floor_poses(model: ObservationModel, look: Look, belief_9hw: Maps, peaks: Peaks) -> Array:
+    """(M, 6) states that the maps speak for, the best first, all apart from each other.
 
     Args:
-        sighting: camera and robot.
+        model: camera and robot.
         look: that the maps are of.
         belief_9hw: belief maps.
         peaks: their maxima.
     """
     anchors = np.argsort(-peaks.height_P, kind="stable")[:ANCHORS]
     uv_px = look.to_image(STRIDE_PX * peaks.uv_cells_P2[anchors])
-    camera = sighting.camera
+    camera = model.camera
     rays_c = np.column_stack(
         [
             (uv_px[:, 0] - camera.cx_px) / camera.fx_px,
@@ -48,7 +48,7 @@ def floor_poses(sighting: Sighting, look: Look, belief_9hw: Maps, peaks: Peaks) 
     )
     headings = np.arange(HEADINGS) * (2.0 * np.pi / HEADINGS)
     c, s = np.cos(headings), np.sin(headings)
-    q = sighting.robot.points_r1()
+    q = model.robot.points_r1()
     turned_r0 = np.stack(
         [
             np.outer(c, q[:, 0]) - np.outer(s, q[:, 1]),
@@ -57,29 +57,29 @@ def floor_poses(sighting: Sighting, look: Look, belief_9hw: Maps, peaks: Peaks) 
         ],
         axis=2,
     )
-    R_r0_c = sighting.T_r0_c[:3, :3]
+    R_r0_c = model.T_r0_c[:3, :3]
     score_AHD = _scores(
         np.log(np.maximum(belief_9hw, 0.0).astype(np.float32) + _BASE) - np.log(np.float32(_BASE)),
         rays_c,
         peaks.channel_P[anchors],
         turned_r0 @ R_r0_c,
         np.array(DISTANCES_M),
-        _pixels_to_cells(sighting, look),
-        _heights(sighting, rays_c),
+        _pixels_to_cells(model, look),
+        _heights(model, rays_c),
         q[:, 2].copy(),
     )
     order = np.argsort(-score_AHD, axis=None)[: 40 * _KEPT]
     anchor, heading, distance = np.unravel_index(order, score_AHD.shape)
-    at_r0 = np.array(DISTANCES_M)[distance, None] * (rays_c[anchor] @ R_r0_c.T) + sighting.T_r0_c[:3, 3]
+    at_r0 = np.array(DISTANCES_M)[distance, None] * (rays_c[anchor] @ R_r0_c.T) + model.T_r0_c[:3, 3]
     base = at_r0 - turned_r0[heading, peaks.channel_P[anchors][anchor]]
-    settings = np.column_stack([base[:, :2], headings[heading], np.zeros((len(order), 3))])
+    states = np.column_stack([base[:, :2], headings[heading], np.zeros((len(order), 3))])
     good = np.isfinite(score_AHD.ravel()[order])
-    return _apart(settings[good])
+    return _apart(states[good])
 
 
-def _pixels_to_cells(sighting: Sighting, look: Look) -> Array:
+def _pixels_to_cells(model: ObservationModel, look: Look) -> Array:
     """(4,) column and row of a direction (x / z, y / z): factor and offset of each."""
-    camera, scale = sighting.camera, look.scale / STRIDE_PX
+    camera, scale = model.camera, look.scale / STRIDE_PX
     (du, dv) = look.offset_px
     return np.array(
         [
@@ -91,10 +91,10 @@ def _pixels_to_cells(sighting: Sighting, look: Look) -> Array:
     )
 
 
-def _heights(sighting: Sighting, rays_c: Array) -> Array:
+def _heights(model: ObservationModel, rays_c: Array) -> Array:
     """(A, 2) height of a ray's point above the floor [m]: by metre of depth, and of the camera."""
-    up = rays_c @ sighting.T_r0_c[2, :3]
-    return np.column_stack([up, np.full(len(up), sighting.T_r0_c[2, 3])])
+    up = rays_c @ model.T_r0_c[2, :3]
+    return np.column_stack([up, np.full(len(up), model.T_r0_c[2, 3])])
 
 
 @njit(error_model="numpy")
@@ -136,18 +136,18 @@ def _scores(  # type: ignore[no-untyped-def]
     return out
 
 
-def _apart(settings_M6: Array) -> Array:
+def _apart(states_M6: Array) -> Array:
     """The first of all that are one."""
-    left, kept = settings_M6, list[Array]()
+    left, kept = states_M6, list[Array]()
     while len(left) and len(kept) < _KEPT:
         kept.append(left[0])
         left = left[~same_place(left, left[0], _APART_SHARE, _APART_HEADING_RAD)]
     return np.array(kept).reshape(-1, 6)
 
 
-def same_place(settings_M6: Array, one_6: Array, share: float, heading_rad: float) -> Mask:
-    """(M,) which settings differ from one by less, the place as a share of the distance."""
-    turn = np.abs(np.remainder(settings_M6[:, 2] - one_6[2] + np.pi, 2.0 * np.pi) - np.pi)
-    away = np.hypot(settings_M6[:, 0] - one_6[0], settings_M6[:, 1] - one_6[1])
+def same_place(states_M6: Array, one_6: Array, share: float, heading_rad: float) -> Mask:
+    """(M,) which states differ from one by less, the place as a share of the distance."""
+    turn = np.abs(np.remainder(states_M6[:, 2] - one_6[2] + np.pi, 2.0 * np.pi) - np.pi)
+    away = np.hypot(states_M6[:, 0] - one_6[0], states_M6[:, 1] - one_6[1])
     same: Mask = (turn < heading_rad) & (away < share * np.hypot(one_6[0], one_6[1]))
     return same

@@ -5,7 +5,7 @@ with the target's Gaussian. A map with several peaks is read so: the point is ne
 probability of the peak's height, or anywhere. Maps that are low and wide, for the network is not sure,
 leave the point a variance s² with height = σ² / (σ² + s²).
 
-Legend: G belief maps (nine by look), J peaks of a map, M settings of the robot.
+Legend: G belief maps (nine by look), J peaks of a map, M states of the robot.
 """
 
 from __future__ import annotations

@@ -11,11 +11,9 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from rendezvous.geometry.camera import Image
 from rendezvous.geometry.se2 import Array
-
-Image = NDArray[np.uint8]
 
 STRIDE_PX = 8
 """Input pixels along a cell of the belief maps, as in DOPE."""

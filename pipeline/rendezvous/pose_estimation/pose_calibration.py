@@ -21,7 +21,7 @@ from rendezvous.geometry.se2 import SE2, Array
 from rendezvous.pose_estimation.cuboid_pose import Reading
 from rendezvous.pose_estimation.keypoint_evidence import KeypointNoise
 
-LEAST_MASS = 0.01
+LEAST_READING_MASS = 0.01
 """Less probable readings are left out."""
 
 

@@ -7,11 +7,11 @@ from collections.abc import Mapping, Sequence
 import cv2
 import numpy as np
 
+from rendezvous.geometry.camera import Image
 from rendezvous.rendering.appearance.colour import srgb_from_linear
 from rendezvous.rendering.appearance.materials import cloth_tint, wall_tint
 from rendezvous.rendering.appearance.noise import Field
 from rendezvous.rendering.record import JsonValue
-from rendezvous.rendering.scene import Image
 
 SHARPEST_PX, SOFTEST_PX = 1.2, 9.0
 """Standard deviations of the blur of what is out of focus."""

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from rendezvous.compiled import njit
 from rendezvous.errors import PipelineError
+from rendezvous.geometry.camera import Image
 from rendezvous.rendering.appearance.colour import blackbody_rgb, linear_from_srgb, srgb_from_linear
 
-Image = NDArray[np.uint8]
 Floats = NDArray[np.float32]
 Words = NDArray[np.uint32]
 

@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from rendezvous.geometry.camera import PinholeCamera, camera_pose, rotation_from_rpy
+from rendezvous.geometry.camera import Image, PinholeCamera, camera_pose, rotation_from_rpy
 from rendezvous.geometry.se2 import Array
 from rendezvous.rendering.appearance import materials
 from rendezvous.rendering.appearance.lighting import free_lighting
@@ -28,7 +28,7 @@ from rendezvous.rendering.randomise import (
     thing_instances,
 )
 from rendezvous.rendering.record import JsonValue, plain
-from rendezvous.rendering.scene import Image, Instance
+from rendezvous.rendering.scene import Instance
 from rendezvous.simulation.robot import RobotSpec
 
 T_W_C: Array = camera_pose(np.array([0.0, 0.0, 1.0]), np.zeros(3))

@@ -14,7 +14,7 @@ import numpy as np
 import shapely
 import trimesh
 
-from rendezvous.geometry.camera import PinholeCamera, camera_pose, se3_from_se2
+from rendezvous.geometry.camera import Image, PinholeCamera, camera_pose, se3_from_se2
 from rendezvous.geometry.se2 import SE2, Array
 from rendezvous.rendering.appearance import materials
 from rendezvous.rendering.appearance.lighting import Lighting, room_lighting
@@ -24,8 +24,8 @@ from rendezvous.rendering.effects import CameraEffects, draw_effects
 from rendezvous.rendering.record import JsonValue, plain
 from rendezvous.rendering.robot_model import part_material
 from rendezvous.rendering.room_looks import RoomLooks, draw_room_looks, room_instances
-from rendezvous.rendering.scene import Image, Instance, Material, MeshPool, Scene
-from rendezvous.rendering.viewpoints import FurnishedPlan, Meeting, draw_meeting
+from rendezvous.rendering.scene import Instance, Material, MeshPool, Scene
+from rendezvous.rendering.viewpoints import FurnishedPlan, RobotPoses, draw_robot_poses
 from rendezvous.simulation.robot import Cuboid, RobotSpec
 
 ROBOT = "r1"
@@ -123,7 +123,7 @@ def draw_plausible(
         FloorplanError: there is no room for two robots.
     """
     absent = bool(rng.random() < draws.absent_share)
-    meeting = draw_meeting(rng, place, observer, looks.spec, draws, absent=absent)
+    meeting = draw_robot_poses(rng, place, observer, looks.spec, draws, absent=absent)
     room_looks = draw_room_looks(rng, place, variants=variants)
     # Normal: a robot stands within 3 mm and 0.7 degrees of how it was built.
     shift_m, roll_rad, pitch_rad = rng.normal(0.0, [0.003, 0.012, 0.012]).tolist()
@@ -248,7 +248,7 @@ def _lamp_places(rng: np.random.Generator, place: FurnishedPlan, T_w_c: Array) -
 def _things_on_floor(
     rng: np.random.Generator,
     place: FurnishedPlan,
-    meeting: Meeting,
+    meeting: RobotPoses,
     observer: RobotSpec,
     seen: RobotSpec,
     *,
@@ -270,7 +270,7 @@ def _things_on_floor(
     return tuple(placed)
 
 
-def _in_view(rng: np.random.Generator, meeting: Meeting, thing: Thing) -> Array:
+def _in_view(rng: np.random.Generator, meeting: RobotPoses, thing: Thing) -> Array:
     """(N, 2) [m]: distance and bearing uniform, off the line of sight between the robots."""
     away_m, bearing_rad = rng.uniform(0.4, VIEW_M, 16), rng.uniform(-0.55, 0.55, 16)
     p_r0 = away_m[:, None] * np.stack([np.cos(bearing_rad), np.sin(bearing_rad)], axis=1)
@@ -283,7 +283,7 @@ def _in_view(rng: np.random.Generator, meeting: Meeting, thing: Thing) -> Array:
     return off_line
 
 
-def _before(rng: np.random.Generator, meeting: Meeting, thing: Thing, seen: RobotSpec) -> Array:
+def _before(rng: np.random.Generator, meeting: RobotPoses, thing: Thing, seen: RobotSpec) -> Array:
     """(16, 2) [m]: between the robots, so far aside that some of the robot seen is left to see."""
     assert meeting.T_w_r1 is not None
     eye_m, target_m = meeting.T_w_r0.as_array()[:2], meeting.T_w_r1.as_array()[:2]

@@ -14,11 +14,10 @@ import trimesh
 from numpy.typing import NDArray
 
 from rendezvous.errors import PipelineError
-from rendezvous.geometry.camera import PinholeCamera
+from rendezvous.geometry.camera import Image, PinholeCamera
 from rendezvous.geometry.se2 import Array
 
 Rgb = tuple[float, float, float]
-Image = NDArray[np.uint8]
 
 MeshPool = Mapping[str, tuple[trimesh.Trimesh, ...]]
 """Meshes by key, each as parts of one material; where a part has UVs they count repeats of a texture."""

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import trimesh
 
+from rendezvous.geometry.camera import Image
 from rendezvous.geometry.cuboid import project_cuboid
 from rendezvous.geometry.se2 import Array
 from rendezvous.rendering.appearance.textures import texture_pool
@@ -15,7 +16,6 @@ from rendezvous.rendering.effects import apply_effects
 from rendezvous.rendering.opengl.renderer import Renderer
 from rendezvous.rendering.plan_scene import plan_meshes
 from rendezvous.rendering.randomise import Drawn, robot_looks
-from rendezvous.rendering.scene import Image
 from rendezvous.rendering.thing_meshes import thing_meshes
 from rendezvous.rendering.visibility import RobotView
 from rendezvous.simulation.robot import RobotSpec

@@ -75,14 +75,14 @@ def _footprint(solid: Solid) -> shapely.Geometry:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Meeting:
+class RobotPoses:
     """Two robots on the floor: the observer, and the one that it may see; None if it is elsewhere."""
 
     T_w_r0: SE2
     T_w_r1: SE2 | None
 
 
-def draw_meeting(
+def draw_robot_poses(
     rng: np.random.Generator,
     place: FurnishedPlan,
     observer: RobotSpec,
@@ -90,7 +90,7 @@ def draw_meeting(
     draws: PoseDraws,
     *,
     absent: bool,
-) -> Meeting:
+) -> RobotPoses:
     """Robots at a distance uniform in the range drawn from, as far as rooms are that large, at any heading.
 
     The robot seen is anywhere across the image, one time in five at its edge, partly outside; a wall or
@@ -110,7 +110,7 @@ def draw_meeting(
         range_m, column_px = _range_and_column(rng, observer, seen, draws)
         poses_0 = _anywhere(rng, place, observer)
         if absent and len(poses_0):
-            return Meeting(T_w_r0=SE2.from_array(poses_0[0]), T_w_r1=None)
+            return RobotPoses(T_w_r0=SE2.from_array(poses_0[0]), T_w_r1=None)
         centres_m = _seen_centres(poses_0, observer, seen, range_m, column_px)
         headings_rad = rng.uniform(-math.pi, math.pi, size=len(poses_0))
         c, s = np.cos(headings_rad), np.sin(headings_rad)
@@ -121,7 +121,7 @@ def draw_meeting(
         good &= np.hypot(*(feet_m - poses_0[:, :2]).T) > observer.radius_m + seen.radius_m
         for i in np.flatnonzero(good)[:1]:
             T_w_r1 = SE2(float(feet_m[i, 0]), float(feet_m[i, 1]), float(headings_rad[i]))
-            return Meeting(T_w_r0=SE2.from_array(poses_0[i]), T_w_r1=T_w_r1)
+            return RobotPoses(T_w_r0=SE2.from_array(poses_0[i]), T_w_r1=T_w_r1)
     raise FloorplanError(
         f"{place.plan.plan_id}: no place for two robots in sight of each other in {DRAWS * BATCH} draws; "
         "a plan needs a free patch of half a metre"

@@ -23,7 +23,7 @@ from rendezvous.geometry.occupancy_grid import UNKNOWN, OccupancyGrid
 from rendezvous.geometry.se2 import SE2
 from rendezvous.interop.camera_info import read_camera_info, write_camera_info
 from rendezvous.interop.ros_map import read_ros_map, write_ros_map
-from rendezvous.pose_estimation.relative_pose import PoseMode, RelativePose
+from rendezvous.pose_estimation.pose_estimate import PoseMode, RelativePose
 from rendezvous.robot_file import ROBOTS
 from typer.testing import CliRunner
 

@@ -11,7 +11,7 @@ from rendezvous.evaluation.pictures.map_panels import BOTH
 from rendezvous.fusion.sighted_pose import SightedPose
 from rendezvous.fusion.system import fuse_maps
 from rendezvous.geometry.se2 import SE2
-from rendezvous.pose_estimation.relative_pose import RelativePose
+from rendezvous.pose_estimation.pose_estimate import RelativePose
 from scipy.stats import chi2, f
 
 from tests.baselines.windows import cuts

@@ -22,7 +22,7 @@ from rendezvous.training.relative_pose.model import build_pose_model
 from rendezvous.training.relative_pose.sampling import PoseSampling
 from typer.testing import CliRunner
 
-from tests.pose_estimation.sightings import CAMERA, sighting
+from tests.pose_estimation.observations import CAMERA, observation
 from tests.synthetic_dataset import explored, synthetic_run
 
 SETTINGS = {"width": 16, "blocks": 0, "feature_channels": 8, "stage_channels": 8}
@@ -52,7 +52,7 @@ def test_weights_tell_all_that_the_estimator_needs():
     assert found.calibration == calibration
     assert not found.network.training
     assert load_relative_pose(weights(), where="here").calibration == PoseCalibration()
-    assert found(np.zeros((480, 640, 3), np.uint8), CAMERA, sighting().T_r0_c).reason
+    assert found(np.zeros((480, 640, 3), np.uint8), CAMERA, observation().T_r0_c).reason
 
 
 def _changed(**told: object) -> Callable[[], bytes]:

@@ -31,7 +31,7 @@ from rendezvous.fusion.system import FusionResult, fuse_maps
 from rendezvous.geometry.camera import PinholeCamera
 from rendezvous.geometry.cuboid import Vec3
 from rendezvous.geometry.se2 import SE2, Array
-from rendezvous.pose_estimation.relative_pose import ImagePoseEstimator, RelativePose
+from rendezvous.pose_estimation.pose_estimate import ImagePoseEstimator, RelativePose
 from rendezvous.robot_file import load_robot
 from rendezvous.simulation.robot import RobotSpec
 from rendezvous.stages.weights.estimators import Method, chosen_methods, trained

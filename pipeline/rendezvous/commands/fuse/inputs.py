@@ -9,14 +9,13 @@ import cv2
 import numpy as np
 
 from rendezvous.errors import CameraError, ConfigError, MapError
-from rendezvous.geometry.camera import PinholeCamera, camera_pose
+from rendezvous.geometry.camera import Image, PinholeCamera, camera_pose
 from rendezvous.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from rendezvous.geometry.se2 import Array
 from rendezvous.interop.camera_info import CameraInfo, read_camera_info
 from rendezvous.interop.decoding import PNG_START, decoded, is_whole_png
 from rendezvous.interop.given_file import given_bytes
 from rendezvous.interop.ros_map import read_ros_map
-from rendezvous.pose_estimation.look import Image
 from rendezvous.robot_file import load_robot
 
 MapLike = str | Path | OccupancyGrid

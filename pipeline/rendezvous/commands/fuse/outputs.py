@@ -43,7 +43,7 @@ from rendezvous.fusion.verdict import spread_of
 from rendezvous.geometry.occupancy_grid import OccupancyGrid
 from rendezvous.geometry.se2 import SE2, Array
 from rendezvous.interop.ros_map import map_image_path, ros_map_bytes
-from rendezvous.pose_estimation.relative_pose import PoseMode, RelativePose
+from rendezvous.pose_estimation.pose_estimate import PoseMode, RelativePose
 from rendezvous.store.disk import Disk
 from rendezvous.store.records import json_bytes
 

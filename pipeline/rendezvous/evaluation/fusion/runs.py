@@ -17,7 +17,7 @@ from rendezvous.fusion.sighted_pose import SightedPose, sighted_pose
 from rendezvous.fusion.system import FusionResult, fuse_maps
 from rendezvous.geometry.occupancy_grid import OccupancyGrid
 from rendezvous.geometry.se2 import SE2
-from rendezvous.pose_estimation.relative_pose import RelativePose
+from rendezvous.pose_estimation.pose_estimate import RelativePose
 from rendezvous.training.frame_error.pairs import MapPair
 
 ESTIMATED, TRUE = "estimated", "true"

@@ -26,7 +26,7 @@ from rendezvous.fusion.system import FusionResult
 from rendezvous.geometry.camera import PinholeCamera
 from rendezvous.geometry.cuboid import Vec3, project_cuboid
 from rendezvous.geometry.se2 import SE2, Array
-from rendezvous.pose_estimation.relative_pose import RelativePose
+from rendezvous.pose_estimation.pose_estimate import RelativePose
 
 LONGER_PX, LEAST_PX, MOST_PX_PER_M = 1200, 700, 80.0
 """The picture's longer side, its least width, and the largest scale, which small maps get."""

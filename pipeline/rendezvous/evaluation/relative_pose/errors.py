@@ -13,7 +13,7 @@ import numpy as np
 from rendezvous.alignment.frame_error import frame_error, pose_difference
 from rendezvous.geometry.occupancy_grid import Mask
 from rendezvous.geometry.se2 import SE2, Array, wrap_angle
-from rendezvous.pose_estimation.relative_pose import RelativePose
+from rendezvous.pose_estimation.pose_estimate import RelativePose
 
 CONFUSED_RAD = math.pi / 2.0
 """A heading that is wrong by more takes the robot's back for its front."""

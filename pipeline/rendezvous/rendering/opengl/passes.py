@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from OpenGL import GL
 
+from rendezvous.geometry.camera import Image
 from rendezvous.geometry.se2 import Array
 from rendezvous.rendering.opengl import shaders
 from rendezvous.rendering.opengl.buffers import (
@@ -22,7 +23,7 @@ from rendezvous.rendering.opengl.buffers import (
     make_shadow_map,
 )
 from rendezvous.rendering.opengl.resident import Float32, ResidentPart
-from rendezvous.rendering.scene import MAX_SHADOWS, NO_INSTANCE, Image
+from rendezvous.rendering.scene import MAX_SHADOWS, NO_INSTANCE
 
 MASK_UNIT = 4
 

@@ -18,13 +18,12 @@ import trimesh
 from numpy.typing import NDArray
 
 from rendezvous.errors import PipelineError
-from rendezvous.geometry.camera import PinholeCamera
+from rendezvous.geometry.camera import Image, PinholeCamera
 from rendezvous.geometry.se2 import Array
 from rendezvous.rendering.opengl.gl import headless_context
 from rendezvous.rendering.opengl.shaders import ROW_TEXELS
 from rendezvous.rendering.scene import (
     NO_INSTANCE,
-    Image,
     Instance,
     Light,
     LightKind,

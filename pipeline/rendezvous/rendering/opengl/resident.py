@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from OpenGL import GL
 
 from rendezvous.errors import PipelineError
-from rendezvous.rendering.scene import Image, Material, MeshPool, TexturePool
+from rendezvous.geometry.camera import Image
+from rendezvous.rendering.scene import Material, MeshPool, TexturePool
 
 TEXTURE_PX = 512
 """All textures are brought to this size, so that one array holds them and nothing is bound between draws."""

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from rendezvous.errors import ConfigError
-from rendezvous.rendering.scene import Image
+from rendezvous.geometry.camera import Image
 
 SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp")
 

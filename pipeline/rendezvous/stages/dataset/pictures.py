@@ -18,7 +18,7 @@ from rendezvous.config.sections import RenderSection
 from rendezvous.errors import FloorplanError
 from rendezvous.floorplan.furnish import furnish
 from rendezvous.floorplan.records import Floorplan
-from rendezvous.geometry.camera import se3_from_se2
+from rendezvous.geometry.camera import Image, se3_from_se2
 from rendezvous.geometry.se2 import SE2
 from rendezvous.plan_schema import PLAN_COLUMNS, plan_of, solids_of
 from rendezvous.rendering.free_scenes import draw_free
@@ -26,7 +26,7 @@ from rendezvous.rendering.opengl.gl import renderer_name
 from rendezvous.rendering.randomise import Drawn, draw_plausible, room_scene
 from rendezvous.rendering.robot_model import robot_parts
 from rendezvous.rendering.room_looks import RoomLooks, draw_room_looks
-from rendezvous.rendering.scene import Image, Material
+from rendezvous.rendering.scene import Material
 from rendezvous.rendering.studio import Picture, Studio
 from rendezvous.rendering.viewpoints import FurnishedPlan, furnished_plan
 from rendezvous.robot_file import load_robot, load_robot_model

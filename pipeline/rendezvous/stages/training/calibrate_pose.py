@@ -12,14 +12,14 @@ from rich.console import Console
 
 from rendezvous.engine.progress import meter
 from rendezvous.errors import ConfigError
+from rendezvous.geometry.camera import Image
 from rendezvous.geometry.cuboid import project_cuboid
 from rendezvous.geometry.se2 import Array
 from rendezvous.models.relative_pose_estimator import Detection, RelativePoseEstimator
 from rendezvous.pose_estimation.covered import covered_image
-from rendezvous.pose_estimation.look import Image
+from rendezvous.pose_estimation.observation_model import ObservationModel
 from rendezvous.pose_estimation.pose_calibration import PoseCalibration
 from rendezvous.pose_estimation.pose_calibration_fit import ReadImage, SeenPeaks, fitted, likeliest_noise
-from rendezvous.pose_estimation.sighting import Sighting
 from rendezvous.stages.training.seen_images import SeenImage, digest_of_images, read_images
 from rendezvous.stages.weights.pose_weights import load_relative_pose
 from rendezvous.store.disk import Disk
@@ -73,11 +73,11 @@ def _calibration(
     estimator: RelativePoseEstimator, images: Sequence[SeenImage], dataset: str, console: Console
 ) -> tuple[PoseCalibration, int]:
     """The calibration, and in how many images the robot itself was read."""
-    detections = list[tuple[SeenImage, Sighting, Detection, bool]]()
+    detections = list[tuple[SeenImage, ObservationModel, Detection, bool]]()
     empty = 0
     with meter("calibrate", total=len(images), console=console, parts="images", rows="images") as progress:
         for image in images:
-            sighting = Sighting(camera=image.camera, T_r0_c=image.T_r0_c, robot=estimator.robot)
+            sighting = ObservationModel(camera=image.camera, T_r0_c=image.T_r0_c, robot=estimator.robot)
             for pixels, shown in _versions(image):
                 detection = estimator.detection(pixels, sighting)
                 if detection is None:
@@ -116,7 +116,7 @@ def _versions(image: SeenImage) -> list[tuple[Image, bool]]:
     return [(pixels, True), *covered] if truth.visibility >= LEAST_VISIBILITY else covered
 
 
-def _true_points(image: SeenImage, sighting: Sighting, detection: Detection) -> Array | None:
+def _true_points(image: SeenImage, sighting: ObservationModel, detection: Detection) -> Array | None:
     """(9, 2) [px] the robot's points if the close look is at it; None otherwise."""
     assert image.T_c_o is not None
     uv_px = project_cuboid(image.T_c_o, sighting.robot.size_m, image.camera)

@@ -14,9 +14,8 @@ import pyarrow.compute as pc
 from rendezvous.errors import StoreError
 from rendezvous.evaluation.dataset.sampling import located_columns, rows_at
 from rendezvous.evaluation.relative_pose.errors import ImageTruth, as_seen
-from rendezvous.geometry.camera import PinholeCamera, se2_from_se3
+from rendezvous.geometry.camera import Image, PinholeCamera, se2_from_se3
 from rendezvous.geometry.se2 import SE2, Array
-from rendezvous.pose_estimation.look import Image
 from rendezvous.schema import PAIRS, POSES
 from rendezvous.seeds import stream
 from rendezvous.store.read import StageReader

@@ -15,7 +15,7 @@ from torch.utils.tensorboard import SummaryWriter
 from rendezvous.config.sections import TrainingSection
 from rendezvous.engine.progress import LINE_EVERY_S
 from rendezvous.errors import StoreError
-from rendezvous.pose_estimation.look import Image
+from rendezvous.geometry.camera import Image
 from rendezvous.store.disk import Disk
 from rendezvous.store.records import json_bytes
 from rendezvous.training.checkpoint import checkpoint_bytes, weights_bytes

@@ -13,7 +13,7 @@ import numpy as np
 
 from rendezvous.errors import ConfigError, SetupError, StoreError
 from rendezvous.geometry.se2 import Array
-from rendezvous.pose_estimation.relative_pose import ImagePoseEstimator
+from rendezvous.pose_estimation.pose_estimate import ImagePoseEstimator
 from rendezvous.resources import WEIGHTS
 from rendezvous.store.disk import Disk
 

@@ -9,8 +9,8 @@ import numpy as np
 import torch
 
 from rendezvous.alignment.frame_error import pose_difference
+from rendezvous.geometry.camera import Image
 from rendezvous.geometry.se2 import SE2
-from rendezvous.pose_estimation.look import Image
 from rendezvous.training.batches import moved
 from rendezvous.training.frame_error.data import Batch
 from rendezvous.training.model import FrameErrorModel

@@ -8,8 +8,8 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
+from rendezvous.geometry.camera import Image
 from rendezvous.geometry.se2 import Array
-from rendezvous.pose_estimation.look import Image
 from rendezvous.training.relative_pose.sampling import ImageAugmentation
 
 _ANYWHERE = 0.3

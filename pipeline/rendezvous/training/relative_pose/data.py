@@ -20,9 +20,10 @@ from torch import Tensor
 from torch.utils.data import Dataset
 
 from rendezvous.errors import StoreError
+from rendezvous.geometry.camera import Image
 from rendezvous.geometry.se2 import Array
 from rendezvous.pose_estimation.dope_labels import Maps, belief_maps, vector_fields
-from rendezvous.pose_estimation.look import STRIDE_PX, Image
+from rendezvous.pose_estimation.look import STRIDE_PX
 from rendezvous.seeds import stream
 from rendezvous.training.batches import EpochOrder
 from rendezvous.training.relative_pose.augmentation import augmented_image

@@ -7,9 +7,10 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
+from rendezvous.geometry.camera import Image
 from rendezvous.geometry.cuboid import CUBOID_CORNER_SIGNS
 from rendezvous.pose_estimation.dope_labels import Maps
-from rendezvous.pose_estimation.look import STRIDE_PX, Image
+from rendezvous.pose_estimation.look import STRIDE_PX
 from rendezvous.training.relative_pose.data import PoseSample
 
 _EDGES = [

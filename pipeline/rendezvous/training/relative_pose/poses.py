@@ -11,10 +11,10 @@ import numpy as np
 import pyarrow as pa
 
 from rendezvous.errors import StoreError
+from rendezvous.geometry.camera import Image
 from rendezvous.geometry.cuboid import Vec3
 from rendezvous.geometry.occupancy_grid import Mask
 from rendezvous.geometry.se2 import Array
-from rendezvous.pose_estimation.look import Image
 from rendezvous.store.read import StageReader
 from rendezvous.training.published_rows import PublishedRows, number_rows, read_split, rows_per_split
 

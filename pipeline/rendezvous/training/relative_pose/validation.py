@@ -8,9 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
+from rendezvous.geometry.camera import Image
 from rendezvous.geometry.se2 import Array
 from rendezvous.pose_estimation.dope_labels import Maps
-from rendezvous.pose_estimation.look import STRIDE_PX, Image
+from rendezvous.pose_estimation.look import STRIDE_PX
 from rendezvous.pose_estimation.peaks import belief_peaks
 from rendezvous.training.batches import moved
 from rendezvous.training.relative_pose.data import PoseSample, pose_batch

@@ -8,9 +8,8 @@ from typing import Protocol
 
 import numpy as np
 
-from rendezvous.geometry.camera import PinholeCamera
+from rendezvous.geometry.camera import Image, PinholeCamera
 from rendezvous.geometry.se2 import SE2, Array
-from rendezvous.pose_estimation.look import Image
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,10 +1,10 @@
 """From a rough pose to the best one near it: least squares on the evidence, robust by its mixture of peaks.
 
 Each step shares a point out among the peaks of its map and `elsewhere` (expectation), then moves the
-settings by Levenberg-Marquardt towards them (maximisation): a peak that fits nothing has no share, so it
+states by Levenberg-Marquardt towards them (maximisation): a peak that fits nothing has no share, so it
 does not pull.
 
-Legend: M settings, G belief maps, J peaks of a map, 6 numbers of a setting (`sighting`).
+Legend: M states, G belief maps, J peaks of a map, 6 numbers of a state (`model`).
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 
 from rendezvous.geometry.se2 import Array
 from rendezvous.pose_estimation.keypoint_evidence import KeypointEvidence
-from rendezvous.pose_estimation.sighting import HEIGHT_SIGMA_M, TILT_SIGMA_RAD, Sighting
+from rendezvous.pose_estimation.observation_model import HEIGHT_SIGMA_M, TILT_SIGMA_RAD, ObservationModel
 
 _WIDENINGS_CELLS = (1.5, 1.5, 1.0, 0.7, 0.4, 0.2, 0.1, 0.05) + (0.0,) * 5
 """Standard deviations that are added to the peaks' own in turn: from afar all attract."""
@@ -23,18 +23,18 @@ _ANYTHING_M, _ANYTHING_RAD = 10.0, 10.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Refined:
+class RefinedStates:
     """Poses at their best.
 
     Attributes:
-        settings_M6: (M, 6).
-        covariance_M66: (M, 6, 6) of the settings.
+        states_M6: (M, 6).
+        covariance_M66: (M, 6, 6) of the states.
         log_evidence_M: (M,) log of the probability that lies around each, up to a constant for all.
         explained_M: (M,) weight of the peaks that agree with it, mean over the maps, in [0, 1].
         gain_M: (M,) log likelihood above that of an image without a robot.
     """
 
-    settings_M6: Array
+    states_M6: Array
     covariance_M66: Array
     log_evidence_M: Array
     explained_M: Array
@@ -42,59 +42,61 @@ class Refined:
 
 
 def lean_precision(*, floor: bool) -> Array:
-    """(6,) of the prior on a setting; of height and tilt nearly none where the floor is not to be used."""
+    """(6,) of the prior on a state; of height and tilt nearly none where the floor is not to be used."""
     height, tilt = (HEIGHT_SIGMA_M, TILT_SIGMA_RAD) if floor else (_ANYTHING_M, _ANYTHING_RAD)
     precision: Array = np.array([0.0, 0.0, 0.0, height, tilt, tilt])
     precision[3:] **= -2.0
     return precision
 
 
-def refined(sighting: Sighting, evidence: KeypointEvidence, settings_M6: Array, *, floor: bool) -> Refined:
+def refine(
+    model: ObservationModel, evidence: KeypointEvidence, states_M6: Array, *, floor: bool
+) -> RefinedStates:
     """The nearest maxima of the posterior.
 
     Args:
-        sighting: camera and robot.
+        model: camera and robot.
         evidence: of the image.
-        settings_M6: where to begin.
-        floor: whether both robots stand on one level floor, as exactly as `sighting` has it.
+        states_M6: where to begin.
+        floor: whether both robots stand on one level floor, as exactly as `model` has it.
     """
     prior_6 = lean_precision(floor=floor)
-    settings, damping = settings_M6.copy(), np.full(len(settings_M6), 1e-3)
+    states, damping = states_M6.copy(), np.full(len(states_M6), 1e-3)
     for widening in _WIDENINGS_CELLS:
         added_px2 = (widening * evidence.cell_px) ** 2
-        cost = _cost(sighting, evidence, settings, prior_6, added_px2)
-        A, b, _ = _normal_equations(sighting, evidence, settings, prior_6, added_px2)
+        cost = _cost(model, evidence, states, prior_6, added_px2)
+        A, b, _ = _normal_equations(model, evidence, states, prior_6, added_px2)
         scaled = A + (damping[:, None] * np.einsum("mii->mi", A))[:, None] * np.eye(6)
-        moved = settings + np.linalg.solve(scaled, b[..., None])[..., 0]
-        better = _cost(sighting, evidence, moved, prior_6, added_px2) <= cost
-        settings = np.where(better[:, None], moved, settings)
+        moved = states + np.linalg.solve(scaled, b[..., None])[..., 0]
+        better = _cost(model, evidence, moved, prior_6, added_px2) <= cost
+        states = np.where(better[:, None], moved, states)
         damping = np.where(better, np.maximum(0.2 * damping, 1e-9), 10.0 * damping)
-    A, _, share = _normal_equations(sighting, evidence, settings, prior_6, 0.0)
+    A, _, share = _normal_equations(model, evidence, states, prior_6, 0.0)
     covariance = np.linalg.inv(A).astype(np.float64)
     log_det = np.linalg.slogdet(covariance)[1]
-    return Refined(
-        settings_M6=settings,
+    return RefinedStates(
+        states_M6=states,
         covariance_M66=covariance,
-        log_evidence_M=0.5 * log_det - _cost(sighting, evidence, settings, prior_6, 0.0),
-        gain_M=evidence.log_likelihood(sighting.project(settings)),
+        log_evidence_M=0.5 * log_det - _cost(model, evidence, states, prior_6, 0.0),
+        gain_M=evidence.log_likelihood(model.project(states)),
         explained_M=(share * evidence.weight_GJ).sum(axis=2).mean(axis=1),
     )
 
 
 def _cost(
-    sighting: Sighting, evidence: KeypointEvidence, settings: Array, prior_6: Array, added_px2: float
+    model: ObservationModel, evidence: KeypointEvidence, states: Array, prior_6: Array, added_px2: float
 ) -> Array:
     """(M,) minus the log posterior, up to a constant."""
-    likelihood = evidence.log_likelihood(sighting.project(settings), added_px2=added_px2)
-    cost: Array = 0.5 * (prior_6 * settings**2).sum(axis=1) - likelihood
+    likelihood = evidence.log_likelihood(model.project(states), added_px2=added_px2)
+    cost: Array = 0.5 * (prior_6 * states**2).sum(axis=1) - likelihood
     return cost
 
 
 def _normal_equations(
-    sighting: Sighting, evidence: KeypointEvidence, settings: Array, prior_6: Array, added_px2: float
+    model: ObservationModel, evidence: KeypointEvidence, states: Array, prior_6: Array, added_px2: float
 ) -> tuple[Array, Array, Array]:
     """(M, 6, 6) and (M, 6) of the step, and (M, G, J) the peaks' shares."""
-    uv, J = sighting.project(settings), sighting.jacobian(settings)
+    uv, J = model.project(states), model.jacobian(states)
     _, share = evidence.log_densities(uv, added_px2=added_px2)
     precision = evidence.power * share / (evidence.variance_px2_GJ + added_px2)
     pull = np.einsum("mgj,mgjd->mgd", precision, evidence.uv_px_GJ2 - uv[:, evidence.channel_G, None])
@@ -103,5 +105,5 @@ def _normal_equations(
         weight_M9 += precision[:, own].sum(axis=2)
         pull_M92 += pull[:, own]
     A = np.einsum("mk,mkdi,mkdj->mij", weight_M9, J, J) + np.diag(prior_6) + 1e-6 * np.eye(6)
-    b = np.einsum("mkdi,mkd->mi", J, pull_M92) - prior_6 * settings
+    b = np.einsum("mkdi,mkd->mi", J, pull_M92) - prior_6 * states
     return A, b, share

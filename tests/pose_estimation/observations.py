@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from rendezvous.geometry.camera import PinholeCamera, camera_pose
 from rendezvous.geometry.se2 import SE2, Array
-from rendezvous.pose_estimation.cuboids import Cuboid, cuboids
+from rendezvous.pose_estimation.cuboids import DetectedCuboid, detect_cuboids
 from rendezvous.pose_estimation.dope_labels import Maps, belief_maps, vector_fields
 from rendezvous.pose_estimation.keypoint_evidence import KeypointEvidence, KeypointNoise, evidence_of
 from rendezvous.pose_estimation.look import STRIDE_PX, Look
+from rendezvous.pose_estimation.observation_model import ObservationModel, SeenRobot
 from rendezvous.pose_estimation.peaks import Peaks, belief_peaks
-from rendezvous.pose_estimation.sighting import SeenRobot, Sighting
 
 CAMERA = PinholeCamera(fx_px=616.0, fy_px=616.0, cx_px=319.5, cy_px=239.5, width_px=640, height_px=480)
 INPUT_PX, SPAN_PX = 160, 80.0
@@ -25,12 +25,12 @@ def burger() -> SeenRobot:
     return SeenRobot(size_m=(0.138, 0.178, 0.192), T_r1_o=T_r1_o)
 
 
-def sighting(*, pitch_rad: float = 0.0) -> Sighting:
+def observation(*, pitch_rad: float = 0.0) -> ObservationModel:
     T_r0_c = camera_pose(np.array([0.034, 0.0, 0.12]), np.array([0.0, pitch_rad, 0.0]))
-    return Sighting(camera=CAMERA, T_r0_c=T_r0_c, robot=burger())
+    return ObservationModel(camera=CAMERA, T_r0_c=T_r0_c, robot=burger())
 
 
-def setting(rng: np.random.Generator, *, lean: float = 1.0) -> Array:
+def state(rng: np.random.Generator, *, lean: float = 1.0) -> Array:
     """(6,) uniform: somewhere in view, facing anywhere; normal: the camera leans a little."""
     x_m = rng.uniform(0.5, 3.5)
     pose = [x_m, x_m * rng.uniform(-0.3, 0.3), rng.uniform(-np.pi, np.pi)]
@@ -62,7 +62,7 @@ class Seen:
     look: Look
     belief_9hw: Maps
     peaks: Peaks
-    cuboids: list[Cuboid]
+    cuboids: list[DetectedCuboid]
 
     def evidence(self, noise: KeypointNoise = EXACT) -> KeypointEvidence:
         return evidence_of([(self.look, self.peaks)], sigma_cells=1.0, noise=noise)
@@ -70,7 +70,7 @@ class Seen:
 
 def seen(look: Look, belief_9hw: Maps, fields_16hw: Maps) -> Seen:
     peaks = belief_peaks(belief_9hw, sigma_cells=1.0)
-    return Seen(look=look, belief_9hw=belief_9hw, peaks=peaks, cuboids=cuboids(peaks, fields_16hw))
+    return Seen(look=look, belief_9hw=belief_9hw, peaks=peaks, cuboids=detect_cuboids(peaks, fields_16hw))
 
 
 def seen_points(uv_92: Array) -> Seen:
@@ -85,6 +85,6 @@ def shaken(rng: np.random.Generator, uv_92: Array, *, cells: float) -> Array:
     return uv_92 + noise
 
 
-def error(estimate: SE2, setting_6: Array) -> Array:
+def error(estimate: SE2, state_6: Array) -> Array:
     """(3,) of the components of `T_estimated⁻¹ T_true`."""
-    return (estimate.inverse() @ SE2.from_array(setting_6[:3])).wrapped().as_array()
+    return (estimate.inverse() @ SE2.from_array(state_6[:3])).wrapped().as_array()

@@ -2,10 +2,10 @@
 
 Six numbers tell how robot 1 stands before robot 0: x [m], y [m] and yaw [rad] of `T_r0_r1`, and by how much
 the camera differs from its place on a level robot 0: height [m], and a turn around its own place, whose
-rotation vector has components x and y of r0 [rad]. Any `T_c_o` is one such setting; a flat floor makes the
+rotation vector has components x and y of r0 [rad]. Any `T_c_o` is one such state; a flat floor makes the
 last three small.
 
-Legend: M settings, 6 of these numbers, 9 points of the cuboid in DOPE's order.
+Legend: M states, 6 of these numbers, 9 points of the cuboid in DOPE's order.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class SeenRobot:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Sighting:
+class ObservationModel:
     """What is known before the image is read.
 
     Attributes:
@@ -57,54 +57,54 @@ class Sighting:
     T_r0_c: Array
     robot: SeenRobot
 
-    def points_c(self, settings_M6: Array) -> Array:
+    def points_c(self, states_M6: Array) -> Array:
         """(M, 9, 3) [m] the cuboid's points in the camera."""
-        x, y, yaw, height, *_ = settings_M6.T
+        x, y, yaw, height, *_ = states_M6.T
         q = self.robot.points_r1()
         c, s = np.cos(yaw)[:, None], np.sin(yaw)[:, None]
         p_r0 = np.stack(
             [
                 x[:, None] + c * q[:, 0] - s * q[:, 1],
                 y[:, None] + s * q[:, 0] + c * q[:, 1],
-                np.broadcast_to(q[:, 2], (len(settings_M6), 9)),
+                np.broadcast_to(q[:, 2], (len(states_M6), 9)),
             ],
             axis=2,
         )
         p_r0 -= self.T_r0_c[:3, 3]
         p_r0[..., 2] -= height[:, None]
-        R_r0_c = turns(settings_M6[:, 4:]) @ self.T_r0_c[:3, :3]
+        R_r0_c = turns(states_M6[:, 4:]) @ self.T_r0_c[:3, :3]
         points: Array = p_r0 @ R_r0_c
         return points
 
-    def project(self, settings_M6: Array) -> Array:
+    def project(self, states_M6: Array) -> Array:
         """(M, 9, 2) [px] their image; points behind the camera go far out of it."""
-        p_c = self.points_c(settings_M6)
+        p_c = self.points_c(states_M6)
         z = np.maximum(p_c[..., 2], _NEAREST_M)
         u = self.camera.fx_px * p_c[..., 0] / z + self.camera.cx_px
         v = self.camera.fy_px * p_c[..., 1] / z + self.camera.cy_px
         return np.stack([u, v], axis=2)
 
-    def jacobian(self, settings_M6: Array) -> Array:
+    def jacobian(self, states_M6: Array) -> Array:
         """(M, 9, 2, 6) of `project`, by central differences."""
         step = 1e-5
-        moved = settings_M6[:, None, None] + step * np.stack([np.eye(6), -np.eye(6)])
-        uv = self.project(moved.reshape(-1, 6)).reshape(len(settings_M6), 2, 6, 9, 2)
+        moved = states_M6[:, None, None] + step * np.stack([np.eye(6), -np.eye(6)])
+        uv = self.project(moved.reshape(-1, 6)).reshape(len(states_M6), 2, 6, 9, 2)
         slopes: Array = np.moveaxis(uv[:, 0] - uv[:, 1], 1, 3) / (2.0 * step)
         return slopes
 
-    def T_c_o(self, setting_6: Array) -> Array:
+    def T_c_o(self, state_6: Array) -> Array:
         """(4, 4) pose of the cuboid in the camera."""
         T_r0_c = self.T_r0_c.copy()
-        T_r0_c[:3, :3] = turns(setting_6[None, 4:])[0] @ T_r0_c[:3, :3]
-        T_r0_c[2, 3] += setting_6[3]
+        T_r0_c[:3, :3] = turns(state_6[None, 4:])[0] @ T_r0_c[:3, :3]
+        T_r0_c[2, 3] += state_6[3]
         T_r0_r1 = np.eye(4)
-        c, s = np.cos(setting_6[2]), np.sin(setting_6[2])
+        c, s = np.cos(state_6[2]), np.sin(state_6[2])
         T_r0_r1[:2, :2] = [[c, -s], [s, c]]
-        T_r0_r1[:2, 3] = setting_6[:2]
+        T_r0_r1[:2, 3] = state_6[:2]
         pose: Array = np.linalg.inv(T_r0_c) @ T_r0_r1 @ self.robot.T_r1_o
         return pose
 
-    def setting(self, T_c_o: Array) -> Array:
+    def state(self, T_c_o: Array) -> Array:
         """(6,) inverse of `T_c_o`."""
         T = self.T_r0_c @ T_c_o @ np.linalg.inv(self.robot.T_r1_o)
         # The turn that makes robot 1's upright axis upright, by the shortest way.
