@@ -204,7 +204,7 @@ def test_a_killed_worker_is_told_in_one_line(tmp_path: Path):
 
 def test_without_ray_its_engine_says_how_to_get_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setitem(sys.modules, "ray", None)
-    with pytest.raises(SetupError, match=r"--engine ray: Ray is not installed; `pip install"):
+    with pytest.raises(SetupError, match=r"--engine ray needs ray, .*fusion\[ray\]"):
         build(tmp_path, toy_tasks(["a"]), engine=Engine.RAY)
 
 

@@ -1,16 +1,16 @@
-"""The command line: one command per stage, in flow order, then what looks at the data."""
+"""The command line: a command for each stage, in flow order, then those that use what the stages made."""
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
-from importlib import import_module, metadata
+from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from rendezvous.cli.evaluate import evaluate, evaluate_all, evaluate_fusion, evaluate_pose
+from rendezvous.cli.example import example
 from rendezvous.cli.export import export_app
 from rendezvous.cli.fuse import fuse
 from rendezvous.cli.options import (
@@ -25,17 +25,18 @@ from rendezvous.cli.options import (
     choice,
     make_run,
 )
+from rendezvous.cli.streams import spell_out_what_the_encoding_lacks
 from rendezvous.cli.train import calibrate, calibrate_pose, train, train_pose
+from rendezvous.config.stage_table import DATASET_STAGES, STAGES
 from rendezvous.errors import PipelineError
+from rendezvous.stages import stage_function
 
 if TYPE_CHECKING:
     from rendezvous.engine.run import Run
 
-STAGES = ("floorplans", "meshes", "explore", "render", "pack")
-
 
 class _OneLineErrors(typer.core.TyperGroup):
-    """What the user can fix is said in one line; anything else keeps its traceback."""
+    """Prints errors that the user can fix as one line; other errors keep their traceback."""
 
     def invoke(self, ctx: Any) -> Any:
         try:
@@ -72,15 +73,15 @@ def options(
         bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version.")
     ] = False,
 ) -> None:
-    """What goes for all commands."""
+    """Options of the program itself."""
 
 
-def _stage_command(stage: str, help_text: str) -> None:
-    """Add a stage's command. Its module is imported when it runs, so that help comes at once."""
+def _dataset_command(name: str, about: str) -> None:
+    """Add the command of one stage, or of all."""
 
-    @app.command(stage, help=help_text)
+    @app.command(name, help=about)
     def command(
-        config: Config = "stages.yaml",
+        config: Config = None,
         preset: Preset = "default",
         overrides: Overrides = [],  # noqa: B006 - Typer reads the default, nothing writes it
         data: Data = "data",
@@ -89,45 +90,35 @@ def _stage_command(stage: str, help_text: str) -> None:
         engine: EngineName = "local",
     ) -> None:
         run = make_run(config, preset, overrides, data, workers, seed, engine)
-        if stage == "dataset":
-            _make_dataset(run)
+        if name in STAGES:
+            stage_function(name)(run)
         else:
-            _stage_function(stage)(run)
+            _make_dataset(run)
 
 
 def _make_dataset(run: Run) -> None:
-    """All stages; what would stop the last ones is told before the long ones begin."""
+    """Run all stages; check at the start what would make the last ones fail hours later."""
     from rendezvous.stages.dataset.foresight import check_pictures, check_splits
 
     check_pictures(run)
-    for stage in STAGES:
-        _stage_function(stage)(run)
+    for stage in DATASET_STAGES:
+        stage_function(stage)(run)
         if stage == "floorplans":
             check_splits(run)
 
 
-def _stage_function(stage: str) -> Callable[[Run], Any]:
-    function: Callable[[Run], Any] = getattr(import_module(f"rendezvous.stages.{stage}"), stage)
-    return function
-
-
-_stage_command("floorplans", "Read and generate floor plans; keep those that robots can explore.")
-_stage_command("meshes", "Raise walls: boxes for physics, GLB and MJCF for everything else.")
-_stage_command("explore", "Drive two robots through each plan until they meet.")
-_stage_command("render", "Take the picture of each sighting, and training images of the robot.")
-_stage_command("pack", "Publish sightings and images as a dataset, split by floor plan.")
-_stage_command("dataset", "All of the above, in order.")
-
-
-app.command()(train)
-app.command()(train_pose)
-app.command()(calibrate)
-app.command()(calibrate_pose)
-app.command()(fuse)
-app.command()(evaluate_pose)
-app.command()(evaluate)
-app.command()(evaluate_fusion)
-app.command()(evaluate_all)
+for _stage in DATASET_STAGES:
+    _dataset_command(_stage, STAGES[_stage].about)
+_dataset_command("dataset", "All of the above, in order.")
+app.command(help=STAGES["train"].about)(train)
+app.command(help=STAGES["train_pose"].about)(train_pose)
+for _command in (
+    *(calibrate, calibrate_pose),
+    *(fuse, example),
+    *(evaluate_pose, evaluate, evaluate_fusion, evaluate_all),
+):
+    app.command()(_command)
+app.add_typer(export_app, name="export")
 
 
 @app.command()
@@ -159,7 +150,7 @@ def inspect(
         str | None,
         typer.Option("--order", help="overlap (pairs) or visibility (images), from low to high; or random."),
     ] = None,
-    seed: Annotated[int, typer.Option("--seed", min=0, help="Of the random draw.")] = 0,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the random draw.")] = 0,
 ) -> None:
     """Draw contact sheets of a stage's output and print its figures."""
     from rendezvous.commands.inspect import Order, Selection, Table
@@ -177,11 +168,9 @@ def inspect(
     print(*found.pictures, sep="\n")
 
 
-app.add_typer(export_app, name="export")
-
-
 def main() -> None:
     """Run the command line."""
+    spell_out_what_the_encoding_lacks()
     app()
 
 

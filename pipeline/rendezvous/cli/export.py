@@ -18,7 +18,7 @@ def export_plan(
     plan_id: Annotated[str, typer.Argument(help="Name of the plan.")],
     out: Annotated[Path, typer.Option("--out", help="Folder to write to.")] = Path("export"),
     data: Data = "data",
-    config: Config = "stages.yaml",
+    config: Config = None,
 ) -> None:
     """Write a plan that `meshes` has raised: HouseExpo JSON, GLB, GLB with furniture, MJCF with robots."""
     from rendezvous.commands.export.plan import export_plan as written
@@ -46,7 +46,7 @@ TableName = Annotated[
 SplitName = Annotated[str, typer.Option("--split", help="train, validation, test or all.")]
 ImagesOut = Annotated[Path, typer.Option("--out", help="Folder to write to.")]
 ImageCount = Annotated[
-    int | None, typer.Option("--count", min=1, help="At most so many images of each split; all by default.")
+    int | None, typer.Option("--count", min=1, help="At most this many images of each split; all by default.")
 ]
 
 

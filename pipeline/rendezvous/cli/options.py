@@ -1,4 +1,4 @@
-"""What the commands share: their common options, and what becomes of them."""
+"""Options that several commands share, and what they are turned into."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, TypeVar
 import typer
 
 from rendezvous.errors import ConfigError
+from rendezvous.resources import located
 
 if TYPE_CHECKING:
     from rendezvous.engine.run import Run
@@ -16,7 +17,10 @@ if TYPE_CHECKING:
 Choice = TypeVar("Choice", bound=StrEnum)
 CORES = len(os.sched_getaffinity(0))
 
-Config = Annotated[str, typer.Option("--config", help="The pipeline as data.")]
+Config = Annotated[
+    str | None,
+    typer.Option("--config", help="Stages and parameters; stages.yaml here, or else the shipped one."),
+]
 Preset = Annotated[str, typer.Option("--preset", help="smoke, default, large or paper.")]
 Overrides = Annotated[
     list[str], typer.Option("--set", metavar="KEY=VALUE", help="Override a parameter; may be repeated.")
@@ -28,7 +32,11 @@ EngineName = Annotated[str, typer.Option("--engine", help="local processes, inli
 
 
 def choice(kind: type[Choice], option: str, value: str) -> Choice:
-    """A value of an enumeration that is imported only when its command runs."""
+    """An option's value as a member of `kind`, which is imported only when the command runs.
+
+    Raises:
+        ConfigError: `kind` has no such member.
+    """
     try:
         return kind(value)
     except ValueError as error:
@@ -37,7 +45,11 @@ def choice(kind: type[Choice], option: str, value: str) -> Choice:
 
 
 def data_folder(data: str) -> str:
-    """The data folder, which without a name would be the root of the file system."""
+    """The folder that `--data` names.
+
+    Raises:
+        ConfigError: the name is empty, which would mean the root of the file system.
+    """
     if not data.strip():
         raise ConfigError(
             f"--data is {data!r}; must name a folder or be a URI, such as data or s3://bucket/data"
@@ -46,20 +58,26 @@ def data_folder(data: str) -> str:
 
 
 def dataset_folder(data: str) -> str:
-    """The published dataset in the data folder."""
+    """Folder of the published dataset in the folder that `--data` names."""
     return f"{data_folder(data).rstrip('/')}/dataset"
 
 
 def make_run(
-    config: str, preset: str, overrides: list[str], data: str, workers: int, seed: int | None, engine: str
+    config: str | None,
+    preset: str,
+    overrides: list[str],
+    data: str,
+    workers: int,
+    seed: int | None,
+    engine: str,
 ) -> Run:
-    """The run that the options ask for; heavy modules are imported only now."""
+    """The run that the options ask for; imports heavy modules only now."""
     from rendezvous.config.load import load_config
     from rendezvous.engine.pool import Engine
     from rendezvous.engine.run import Run
 
     return Run(
-        config=load_config(config, preset=preset, overrides=overrides, seed=seed),
+        config=load_config(config or located("stages.yaml"), preset=preset, overrides=overrides, seed=seed),
         data=data_folder(data),
         workers=workers,
         engine=choice(Engine, "--engine", engine),

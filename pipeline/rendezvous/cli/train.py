@@ -1,10 +1,9 @@
-"""The commands that train, and that fit how sure a trained network may be."""
+"""The commands that train networks and calibrate their confidence."""
 
 from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -22,14 +21,15 @@ from rendezvous.cli.options import (
     dataset_folder,
     make_run,
 )
-from rendezvous.errors import SetupError, StoreError
+from rendezvous.errors import StoreError, needs_extra
+from rendezvous.stages import stage_function
 
 if TYPE_CHECKING:
     from rendezvous.engine.run import Run
 
 Minutes = Annotated[float | None, typer.Option("--minutes", help="How long to train.")]
 Resume = Annotated[
-    bool, typer.Option("--resume", help="Go on from the folder's checkpoint, if there is one.")
+    bool, typer.Option("--resume", help="Continue from the checkpoint in the folder, if there is one.")
 ]
 
 
@@ -42,7 +42,7 @@ def train(
     out: Annotated[
         Path | None, typer.Option("--out", help="Folder of checkpoint and weights; runs/MODEL by default.")
     ] = None,
-    config: Config = "stages.yaml",
+    config: Config = None,
     preset: Preset = "default",
     overrides: Overrides = [],  # noqa: B006 - Typer reads the default, nothing writes it
     data: Data = "data",
@@ -51,7 +51,7 @@ def train(
 ) -> None:
     """Train the frame-error estimator on the published pairs."""
     given = {"train.model": model, "train.minutes": minutes}
-    run = make_run(config, preset, [*overrides, *_named(given)], data, workers, seed, "local")
+    run = make_run(config, preset, [*overrides, *_overrides(given)], data, workers, seed, "local")
     _train("train", run, out=out, resume=resume)
 
 
@@ -62,7 +62,7 @@ def train_pose(
         Path | None,
         typer.Option("--out", help="Folder of checkpoint and weights; runs/relative-pose by default."),
     ] = None,
-    config: Config = "stages.yaml",
+    config: Config = None,
     preset: Preset = "default",
     overrides: Overrides = [],  # noqa: B006 - Typer reads the default, nothing writes it
     data: Data = "data",
@@ -71,12 +71,12 @@ def train_pose(
 ) -> None:
     """Train the relative-pose network on the published images of the robot."""
     given = {"train_pose.minutes": minutes}
-    run = make_run(config, preset, [*overrides, *_named(given)], data, workers, seed, "local")
+    run = make_run(config, preset, [*overrides, *_overrides(given)], data, workers, seed, "local")
     _train("train_pose", run, out=out, resume=resume)
 
 
-def _named(given: dict[str, Any]) -> list[str]:
-    """The overrides that options stand for."""
+def _overrides(given: dict[str, Any]) -> list[str]:
+    """Options that set parameters, as `--set` would."""
     return [f"{key}={value}" for key, value in given.items() if value is not None]
 
 
@@ -84,23 +84,13 @@ def _train(stage: str, run: Run, *, out: Path | None, resume: bool) -> None:
     # Read when torch is imported: threads that wait for each other shall sleep. On a machine that also does
     # something else, such as drawing samples, spinning makes a step up to twenty times slower.
     os.environ.setdefault("OMP_WAIT_POLICY", "passive")
-    trained = _stage_function(stage)
+    with needs_extra("learn", "training"):
+        trained = stage_function(stage)
     try:
         trained(run, out=out, resume=resume)
     except KeyboardInterrupt as interrupt:
-        print("rendezvous: interrupted; --resume goes on from the last checkpoint", file=sys.stderr)
+        print("rendezvous: interrupted; --resume continues from the last checkpoint", file=sys.stderr)
         raise typer.Exit(130) from interrupt
-
-
-def _stage_function(stage: str, *, module: str = "") -> Callable[..., Any]:
-    """The function of a stage that needs PyTorch."""
-    try:
-        function: Callable[..., Any] = getattr(import_module(f"rendezvous.stages.{module or stage}"), stage)
-    except ModuleNotFoundError as error:
-        raise SetupError(
-            f"{error.name} is missing; `pip install 'rendezvous-fusion[learn]'` installs what training needs"
-        ) from error
-    return function
 
 
 def calibrate(
@@ -108,10 +98,10 @@ def calibrate(
         "runs/matcher/weights.safetensors"
     ),
     data: Data = "data",
-    seed: Annotated[int, typer.Option("--seed", min=0, help="Of the frame errors.")] = 0,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the frame errors.")] = 0,
     workers: Workers = CORES,
 ) -> None:
-    """Fit a matcher's confidence to validation pairs; `train` does it at its end."""
+    """Calibrate a matcher's confidence on validation pairs, as `train` does."""
     _calibrate("calibrate", weights, data, seed, workers)
 
 
@@ -120,18 +110,19 @@ def calibrate_pose(
         "runs/relative-pose/weights.safetensors"
     ),
     data: Data = "data",
-    seed: Annotated[int, typer.Option("--seed", min=0, help="Of the draw of images.")] = 0,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the draw of images.")] = 0,
     workers: Workers = CORES,
 ) -> None:
-    """Fit a relative-pose network's confidence to validation images; `train-pose` does it at its end."""
+    """Calibrate a relative-pose network's confidence on validation images, as `train-pose` does."""
     _calibrate("calibrate_pose", weights, data, seed, workers)
 
 
-def _calibrate(stage: str, weights: Path, data: str, seed: int, workers: int) -> None:
+def _calibrate(name: str, weights: Path, data: str, seed: int, workers: int) -> None:
     from rich.console import Console
 
     if not weights.is_file():
-        makes = "train-pose" if stage == "calibrate_pose" else "train"
+        makes = "train-pose" if name == "calibrate_pose" else "train"
         raise StoreError(f"{weights}: no such file; must be weights that `rendezvous {makes}` writes")
-    calibrated = _stage_function(stage, module=f"training.{stage}")
+    with needs_extra("learn", "calibration"):
+        calibrated = getattr(import_module(f"rendezvous.stages.training.{name}"), name)
     calibrated(weights, dataset_folder(data), seed=seed, threads=workers, console=Console(stderr=True))

@@ -20,7 +20,7 @@ from enum import StrEnum
 from multiprocessing.connection import wait as wait_for_any
 from typing import Any, TypeVar
 
-from rendezvous.errors import PipelineError, SetupError
+from rendezvous.errors import PipelineError, needs_extra
 
 Result = TypeVar("Result")
 Call = Callable[[], Result]
@@ -125,12 +125,8 @@ def _die_with_parent() -> None:
 
 
 def _run_on_ray(calls: Iterable[Call[Result]], workers: int) -> Generator[Result]:
-    try:
+    with needs_extra("ray", "--engine ray"):
         import ray
-    except ImportError as error:
-        raise SetupError(
-            "--engine ray: Ray is not installed; `pip install 'rendezvous-fusion[ray]'` installs it"
-        ) from error
     if not ray.is_initialized():
         ray.init(
             include_dashboard=False,

@@ -7,10 +7,11 @@ import io
 import tarfile
 import zlib
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from rendezvous.errors import ConfigError, FloorplanError
+from rendezvous.resources import located
 
 LARGEST_PLAN_BYTES = 16_000_000
 """HouseExpo's largest plan has 0.2 MB; what is larger than this is not read into memory."""
@@ -56,7 +57,7 @@ def check_source(source: str) -> None:
     Raises:
         ConfigError: there is no such file or folder, or it is of another kind.
     """
-    path = Path(source)
+    path = located(source)
     if not path.exists():
         raise ConfigError(
             f"floorplans.sources: {source!r} not found; must be a HouseExpo JSON file, a folder of them or a "
@@ -68,7 +69,8 @@ def check_source(source: str) -> None:
 
 def count_plan_files(source: str) -> int | None:
     """How many files a source holds; None for an archive, which would have to be read for it."""
-    return None if _is_archive(Path(source)) else len(_listed(Path(source)))
+    path = located(source)
+    return None if _is_archive(path) else len(_listed(path))
 
 
 def plan_files(source: str) -> Iterator[PlanFile]:
@@ -77,8 +79,10 @@ def plan_files(source: str) -> Iterator[PlanFile]:
     Raises:
         FloorplanError: an archive is damaged.
     """
-    path = Path(source)
-    yield from _archived(path) if _is_archive(path) else map(_read, _listed(path))
+    path = located(source)
+    for file in _archived(path) if _is_archive(path) else map(_read, _listed(path)):
+        # A shipped file goes by the name it was asked for: where the package lies is no part of the data.
+        yield replace(file, source=f"{Path(source)}{file.source.removeprefix(str(path))}")
 
 
 def _is_archive(path: Path) -> bool:

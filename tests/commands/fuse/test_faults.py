@@ -57,7 +57,7 @@ def test_without_pytorch_one_line_names_the_extra(given: Path, tmp_path: Path):
     done = without_torch(*arguments(given, RELATIVE, "--out", str(tmp_path)))
     assert done.returncode == 2
     assert done.stderr.count("\n") == 1
-    assert "torch, which is not installed; `pip install 'rendezvous-fusion[learn]'`" in done.stderr
+    assert "torch, which is not installed; `pip install 'rendezvous-fusion[fuse]'`" in done.stderr
     assert "correlative search, or not at all, does without" in done.stderr
     assert not list(tmp_path.iterdir())
 

@@ -7,19 +7,14 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from rendezvous.errors import SetupError
+from rendezvous.errors import needs_extra
 from rendezvous.evaluation.pictures.canvas import Colour
 
-try:
+with needs_extra("learn", "the report"):
     import matplotlib as mpl
     from matplotlib.axis import Axis
     from matplotlib.figure import Figure
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
-except ImportError as error:
-    raise SetupError(
-        "the report's charts need matplotlib, which is not installed; "
-        "`pip install 'rendezvous-fusion[learn]'` installs it"
-    ) from error
 
 _WIDTH_IN = 10.0
 _STYLE: dict[Any, Any] = {

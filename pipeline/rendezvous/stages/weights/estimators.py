@@ -18,7 +18,7 @@ from rendezvous.baselines.correlative import CorrelativeSearch
 from rendezvous.baselines.hough import HoughSpectrum
 from rendezvous.baselines.identity import Identity
 from rendezvous.baselines.orb import OrbRansac
-from rendezvous.errors import ConfigError, SetupError, StoreError
+from rendezvous.errors import ConfigError, StoreError, needs_extra
 from rendezvous.evaluation.frame_error.measured_row import Training
 from rendezvous.evaluation.frame_error.table_one import LEARNED, METHODS, model_of
 from rendezvous.evaluation.frame_error.training_curve import TrainingCurve
@@ -118,13 +118,8 @@ def trained(method: Method, *, threads: int) -> Trained:
         StoreError: the weights are missing or damaged.
         ConfigError: they are another model's.
     """
-    try:
+    with needs_extra("fuse", method.name):
         from rendezvous.stages.weights.trained_estimators import load
-    except ModuleNotFoundError as error:
-        raise SetupError(
-            f"{method.name} needs {error.name}, which is not installed; "
-            "`pip install 'rendezvous-fusion[learn]'` installs it"
-        ) from error
     assert method.weights is not None
     return load(
         _bytes(method.weights), method.name, method.search, where=str(method.weights), threads=threads

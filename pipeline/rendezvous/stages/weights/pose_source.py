@@ -11,7 +11,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from rendezvous.errors import ConfigError, SetupError, StoreError
+from rendezvous.errors import ConfigError, StoreError, needs_extra
 from rendezvous.geometry.se2 import Array
 from rendezvous.pose_estimation.pose_estimate import ImagePoseEstimator
 from rendezvous.resources import WEIGHTS
@@ -131,13 +131,8 @@ def _loaded(weights: PoseWeights, floor: bool) -> ImagePoseEstimator:
 
 
 def _require_torch() -> None:
-    try:
+    with needs_extra("fuse", "the relative-pose estimator"):
         import torch  # noqa: F401 - whether it is there
-    except ModuleNotFoundError as error:
-        raise SetupError(
-            f"the relative-pose estimator needs {error.name}, which is not installed; "
-            "`pip install 'rendezvous-fusion[learn]'` installs it"
-        ) from error
 
 
 def _bytes(path: Path) -> bytes:

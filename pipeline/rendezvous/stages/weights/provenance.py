@@ -9,11 +9,13 @@ from collections.abc import Iterable
 from importlib import metadata
 from pathlib import Path
 
-from rendezvous.resources import ROOT
+from rendezvous.resources import IN_CHECKOUT, ROOT
 
 
 def commit() -> str:
     """Of the code, if it is in a git checkout; marked if files differ from it."""
+    if not IN_CHECKOUT:
+        return ""
     git = ["git", "-C", str(ROOT), "describe", "--always", "--abbrev=40", "--exclude=*", "--dirty=+changes"]
     try:
         return subprocess.run(git, capture_output=True, text=True, check=True).stdout.strip()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import pyarrow as pa
 
@@ -88,12 +89,13 @@ class PairTable(PublishedRows):
         )
 
 
-def read_pairs(reader: StageReader, split: str) -> PairTable:
-    """The pairs of one split of the published dataset.
+def read_pairs(dataset: StageReader | str | Path, split: str) -> PairTable:
+    """The pairs of one split of the published dataset, such as `data/dataset`.
 
     Raises:
         StoreError: the folder holds no such split, or a file is missing or damaged or lacks a column.
     """
+    reader = dataset if isinstance(dataset, StageReader) else StageReader(str(dataset), "pack")
     return PairTable(split, pa.concat_tables(read_split(reader, "pairs", split, columns=COLUMNS)))
 
 
