@@ -16,10 +16,9 @@ from rendezvous.commands.evaluate.recorded_rows import RecordedRows
 from rendezvous.commands.evaluate.report_folder import PAGE, keep_evaluation, kept_metrics
 from rendezvous.errors import ConfigError, StoreError
 from rendezvous.evaluation.frame_error.estimates import Outcomes, Pairs
-from rendezvous.evaluation.frame_error.gallery import Panel, attention_panel, chosen_pairs, panels
+from rendezvous.evaluation.frame_error.gallery import Panel, Shown, attention_panel, chosen_pairs, panels
 from rendezvous.evaluation.frame_error.measured_row import Conditions, MeasuredRow, Training
 from rendezvous.evaluation.frame_error.report import FrameErrorContent, frame_error_part
-from rendezvous.evaluation.frame_error.report_gallery import Shown
 from rendezvous.evaluation.frame_error.summary import comparisons, ranking, summary
 from rendezvous.evaluation.frame_error.symmetry import WIDE_RANGE_DEG, Symmetry, turn_symmetry
 from rendezvous.evaluation.frame_error.table_one import METHODS, model_of

@@ -10,7 +10,7 @@ import numpy as np
 
 from rendezvous.alignment.frame_error import corrected
 from rendezvous.alignment.window import FREE_CELL, OCCUPIED_CELL, UNKNOWN_CELL, MapWindow, map_window
-from rendezvous.evaluation.frame_error.estimates import Outcomes, Pairs
+from rendezvous.evaluation.frame_error.estimates import SUCCESS_M, SUCCESS_RAD, Outcomes, Pairs
 from rendezvous.evaluation.pictures.canvas import BLUE, INK, PAPER, RED, UNSEEN, Canvas, Colour, Image, View
 from rendezvous.evaluation.pictures.map_panels import BOTH, SEEN
 from rendezvous.geometry.se2 import SE2, Array
@@ -69,6 +69,23 @@ class Panel:
     position_m: float | None
     heading_rad: float | None
     failed: bool = False
+
+    @property
+    def good(self) -> bool | None:
+        """Whether the error is a success; None for the truth, the input and other pictures without a verdict."""
+        if self.position_m is None or self.heading_rad is None or self.name == "input":
+            return None
+        return not self.failed and self.position_m <= SUCCESS_M and self.heading_rad <= SUCCESS_RAD
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Shown:
+    """A pair in the gallery: why it is shown, its overlap and its pictures."""
+
+    pair_id: str
+    why: str
+    overlap: float
+    panels: tuple[Panel, ...]
 
 
 def panels(pair: MapPair, sample: PerturbedPair, found: Mapping[str, Outcomes], index: int) -> list[Panel]:

@@ -9,7 +9,7 @@ from typing import Any
 
 from rendezvous.errors import StoreError
 from rendezvous.evaluation.frame_error.summary import Summary
-from rendezvous.evaluation.frame_error.training_curve import TrainingCurve
+from rendezvous.evaluation.frame_error.training_curve import TrainingCurve, doubt
 
 _FORMAT = 1
 _LEARNED_SHARE = 0.8
@@ -109,6 +109,16 @@ class MeasuredRow:
         zero_m, zero_rad = 0.5 * self.conditions.xy_range_m, math.radians(0.5 * self.conditions.yaw_range_deg)
         errors = {"position": (0.5 * (x_m + y_m), zero_m), "heading": (yaw_rad, zero_rad)}
         return tuple(name for name, (error, zero) in errors.items() if error >= _LEARNED_SHARE * zero)
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """Reasons to doubt the figures of a learned method, in words."""
+        if self.training is None:
+            return ()
+        known, plans = self.plans_trained_on, self.conditions.plans
+        missed = f"has not learned {' or '.join(self.not_learned)}" if self.not_learned else ""
+        trained = f"trained on {known} of these {plans} plans" if known else ""
+        return tuple(filter(None, (missed or doubt(self.training.curve), trained)))
 
     def to_json(self) -> dict[str, Any]:
         """Values as JSON holds them."""

@@ -151,6 +151,20 @@ class Comparison:
     heading_rad: Interval
     success: Interval
 
+    @property
+    def verdict(self) -> str:
+        """What the intervals leave no doubt about, in words."""
+        gains = {
+            "position": self.position_m.scaled(-1.0),
+            "heading": self.heading_rad.scaled(-1.0),
+            "success": self.success,
+        }
+        sure = {name: gain.value for name, gain in gains.items() if gain.excludes_zero}
+        better = ", ".join(name for name, gain in sure.items() if gain > 0.0)
+        worse = ", ".join(name for name, gain in sure.items() if gain < 0.0)
+        said = [f"better in {better}"] * bool(better) + [f"worse in {worse}"] * bool(worse)
+        return "; ".join(said) or "no difference beyond doubt"
+
     def to_json(self) -> dict[str, Any]:
         """Values as JSON holds them."""
         return dict(without_nan(asdict(self)))

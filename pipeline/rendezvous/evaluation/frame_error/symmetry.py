@@ -89,6 +89,11 @@ class Symmetry:
         """Pairs with a symmetric map."""
         return int((self.share >= SYMMETRIC_SHARE).sum())
 
+    @property
+    def median(self) -> float:
+        """The median share."""
+        return float(np.median(self.share))
+
     def to_json(self) -> dict[str, Any]:
         """Values as JSON holds them."""
         methods = {name: without_nan(asdict(apart)) for name, apart in self.methods.items()}

@@ -23,9 +23,17 @@ from rendezvous.evaluation.fusion.tables import (
 )
 from rendezvous.evaluation.relative_pose.tables import share_words
 from rendezvous.evaluation.relative_pose.violins import Component, violin_chart
-from rendezvous.evaluation.report.html_page import Html, figure, joined, paragraph, strong, subheading
+from rendezvous.evaluation.report.html_page import (
+    Html,
+    figure,
+    joined,
+    old_part,
+    paragraph,
+    strong,
+    subheading,
+)
 from rendezvous.evaluation.report.origin import origin_table
-from rendezvous.evaluation.report.page import ReportPart, ReportSection
+from rendezvous.evaluation.report.page import ReportPart
 from rendezvous.evaluation.report.recorded_figures import ImageConditions, RecordedFigures
 from rendezvous.geometry.se2 import Array
 
@@ -105,16 +113,12 @@ def fusion_part(content: FusionContent) -> ReportPart:
         ("scenario", "The paper's scenario", _scenario(content)),
         ("origin", "How it was made", [_origin(content)]),
     ]
-    return ReportPart(
+    return old_part(
         key=KEY,
         title="Fusion: one image and two maps into one map",
         lead=_lead(content),
-        facts=_facts(content),
-        sections=tuple(
-            ReportSection(anchor=anchor, heading=heading, body=joined(*pieces))
-            for anchor, heading, pieces in sections
-            if pieces
-        ),
+        shown_facts=_facts(content),
+        sections=tuple((anchor, heading, joined(*pieces)) for anchor, heading, pieces in sections if pieces),
     )
 
 

@@ -30,9 +30,9 @@ from rendezvous.evaluation.relative_pose.tables import (
     window_table,
 )
 from rendezvous.evaluation.relative_pose.violins import Component, violin_chart
-from rendezvous.evaluation.report.html_page import Html, figure, joined, paragraph, strong
+from rendezvous.evaluation.report.html_page import Html, figure, joined, old_part, paragraph, strong
 from rendezvous.evaluation.report.origin import origin_table
-from rendezvous.evaluation.report.page import ReportPart, ReportSection
+from rendezvous.evaluation.report.page import ReportPart
 from rendezvous.evaluation.report.recorded_figures import ImageConditions, RecordedFigures
 from rendezvous.evaluation.statistics import Interval
 from rendezvous.geometry.se2 import Array
@@ -105,16 +105,12 @@ def pose_part(content: PoseContent) -> ReportPart:
         ("time", "Time", [time_table(content.rows, list(content.found))]),
         ("origin", "How it was made", [_origin(content)]),
     ]
-    return ReportPart(
+    return old_part(
         key=KEY,
         title="Relative pose: where one image puts the other robot",
         lead=_lead(content.main, summary),
-        facts=_facts(content.conditions, content.found[content.main]),
-        sections=tuple(
-            ReportSection(anchor=anchor, heading=heading, body=joined(*pieces))
-            for anchor, heading, pieces in sections
-            if pieces
-        ),
+        shown_facts=_facts(content.conditions, content.found[content.main]),
+        sections=tuple((anchor, heading, joined(*pieces)) for anchor, heading, pieces in sections if pieces),
     )
 
 

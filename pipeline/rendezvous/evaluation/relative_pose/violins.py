@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rendezvous.evaluation.pictures.canvas import BLUE, INK, MUTED, PAPER, Colour
-from rendezvous.evaluation.pictures.plotting import chart, png, rgb
+from rendezvous.evaluation.report.charts import chart, png, rgb
 from rendezvous.geometry.se2 import Array
 
 if TYPE_CHECKING:

@@ -7,6 +7,10 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from html import escape
 
+from markupsafe import Markup
+
+from rendezvous.evaluation.report.page import ReportPart
+
 
 @dataclass(frozen=True, slots=True)
 class Html:
@@ -117,21 +121,18 @@ def facts(named: Sequence[tuple[str, str]]) -> Html:
     return Html(f'<dl class="facts">{items}</dl>')
 
 
-def page(title: str, *, head: Html, body: Sequence[Html]) -> str:
-    """The page.
-
-    Args:
-        title: of the window and the first heading.
-        head: below the first heading.
-        body: the parts.
-    """
-    return (
-        '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f"<title>{escape(title)}</title><style>{_CSS}</style></head><body><main>"
-        f"<header><h1>{escape(title)}</h1>{head.text}</header>"
-        f"{''.join(part.text for part in body)}</main></body></html>\n"
-    )
+def old_part(
+    key: str,
+    title: str,
+    lead: Html,
+    shown_facts: Sequence[tuple[str, str]],
+    sections: Sequence[tuple[str, str, Html]],
+) -> ReportPart:
+    """A part made without a template."""
+    links = [(f"{key}-{anchor}", heading) for anchor, heading, _ in sections]
+    body = [section(f"{key}-{anchor}", heading, shown) for anchor, heading, shown in sections]
+    whole = article(key, title, lead, facts(shown_facts), navigation(links), *body)
+    return ReportPart(key=key, title=title, html=Markup(whole.text))
 
 
 def _headings(line: Sequence[tuple[str, int]], lefts: Sequence[bool]) -> Iterator[str]:
@@ -153,63 +154,3 @@ def _cell(cell: Cell) -> str:
 
 def _class(kind: str) -> str:
     return f' class="{kind}"' if kind else ""
-
-
-_CSS = """
-:root{--ink:#26282e;--muted:#767a82;--line:#e5e7eb;--soft:#f6f7f9;--blue:#1c5cbe;--red:#cb2431}
-*{box-sizing:border-box}
-body{margin:0;background:#fff;color:var(--ink);line-height:1.5;
-font:16px/1.5 system-ui,-apple-system,"Segoe UI",Roboto,"Helvetica Neue",Arial,sans-serif}
-main{max-width:1400px;margin:0 auto;padding:40px 28px 80px}
-h1{font-size:1rem;color:var(--muted);margin:0 0 .5rem}
-header>:last-child:not(h1){margin-bottom:2.4rem}
-h2{font-size:2.1rem;line-height:1.15;margin:0 0 .4rem;letter-spacing:-.02em}
-h3{font-size:1.35rem;margin:3rem 0 .5rem;letter-spacing:-.01em}
-h4{font-size:1.02rem;margin:1.8rem 0 .3rem}
-article+article{margin-top:5rem;border-top:3px solid var(--ink);padding-top:2.2rem}
-p{max-width:76ch;margin:.5rem 0}
-p.lead{font-size:1.14rem}
-p.note,figcaption{color:var(--muted);font-size:.88rem;max-width:100ch}
-nav{display:flex;flex-wrap:wrap;gap:.2rem 1.1rem;margin:1.4rem 0 0;padding:.7rem 0;
-border-block:1px solid var(--line);font-size:.9rem}
-nav.parts{flex-direction:column;border:0;padding:0;margin:.2rem 0 .8rem;font-size:1rem;font-weight:600}
-a{color:var(--blue);text-decoration:none}a:hover{text-decoration:underline}
-dl.facts{display:grid;grid-template-columns:repeat(auto-fit,minmax(150px,1fr));gap:1px;margin:1.2rem 0;
-background:var(--line);border:1px solid var(--line);border-radius:8px;overflow:hidden}
-dl.facts div{background:#fff;padding:.6rem .8rem}
-dt{color:var(--muted);font-size:.76rem}dd{margin:0;font-weight:600;font-variant-numeric:tabular-nums}
-.scroll{overflow-x:auto;margin:.9rem 0}
-table{border-collapse:collapse;width:100%;font-size:.87rem;font-variant-numeric:tabular-nums}
-th{font-weight:600;color:var(--muted);text-align:right;padding:.25rem .45rem;font-size:.78rem;
-white-space:nowrap;vertical-align:bottom}
-th:first-child,th.words,td.name,td.words{text-align:left}
-th.group{text-align:center;border-bottom:1px solid var(--line);color:var(--ink)}
-td{padding:.36rem .45rem;text-align:right;border-top:1px solid var(--line);vertical-align:top;
-white-space:nowrap}
-td.words{white-space:normal;min-width:8.5rem}
-td.switch{text-align:center;color:var(--muted)}
-td.paper{color:var(--muted)}
-td.name{font-weight:600}
-td.source{white-space:normal;min-width:12rem}
-td small{display:block;color:var(--muted);font-size:.72rem;font-weight:400;line-height:1.25}
-td.best{font-weight:700;color:var(--blue)}
-tr.rule td{padding:0;border-top:2px solid #c9cdd4}
-tbody tr:hover td{background:var(--soft)}
-.badge{display:inline-block;border-radius:99px;
-padding:0 .55em;font-size:.72rem;font-weight:600;line-height:1.6}
-.measured{background:#e3f3e6;color:#1f6b32}.recorded{background:#fdf1d8;color:#82580a}
-.missing{background:#eef0f3;color:#767a82}.warning{background:#fbe4e4;color:#a11d29}
-figure{margin:1.1rem 0}img{max-width:100%;height:auto;display:block}
-.gallery{display:grid;
-grid-template-columns:repeat(auto-fill,minmax(170px,1fr));gap:12px;margin:.6rem 0 1.4rem}
-.images{display:grid;grid-template-columns:repeat(auto-fill,minmax(310px,1fr));gap:14px;margin:.6rem 0 1.4rem}
-.images figure{margin:0}
-.gallery figure{margin:0}.gallery img{border-radius:6px;border:1px solid var(--line);width:100%}
-.gallery figcaption{line-height:1.3;padding-top:.25rem}
-.gallery .good{color:#1f6b32}.gallery .bad{color:var(--red)}
-code{font-family:ui-monospace,Menlo,Consolas,monospace;font-size:.86em;background:var(--soft);
-padding:.08em .3em;border-radius:4px;overflow-wrap:anywhere}
-.swatch{display:inline-block;
-width:.8em;height:.8em;border-radius:2px;vertical-align:-.05em;margin:0 .25em 0 .6em}
-@media print{nav{display:none}main{max-width:none;padding:0}section{break-inside:avoid-page}}
-""".strip()

@@ -1,116 +1,88 @@
-"""The report: one page of the parts that evaluations left, each made at a time of its own."""
+"""The report: one page made of parts, each from its own evaluation and its own Jinja2 template.
+
+A part's template `templates/KEY.html.j2` extends `part.html.j2` and takes tables, figures and number formats
+from `macros.html.j2`; `render_part` fills it in.
+"""
 
 from __future__ import annotations
 
+import base64
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
-from rendezvous.errors import StoreError
-from rendezvous.evaluation.report.html_page import (
-    Html,
-    article,
-    badge,
-    facts,
-    joined,
-    navigation,
-    page,
-    paragraph,
-    section,
-)
+from rendezvous.errors import StoreError, needs_extra
+from rendezvous.evaluation.pictures.canvas import Image, encoded_png
+from rendezvous.evaluation.statistics import Interval
+
+with needs_extra("learn", "the report"):
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+    from markupsafe import Markup
 
 PARTS = ("relative_pose", "frame_error", "fusion")
-"""What can be evaluated, in the order of the page."""
+"""Keys of the evaluations, in the order of the page."""
 
-_FORMAT = 1
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ReportSection:
-    """A section of a part.
-
-    Attributes:
-        anchor: what a link to it ends in; unique in its part.
-        heading: plain words.
-        body: what it shows.
-    """
-
-    anchor: str
-    heading: str
-    body: Html
+_FORMAT = 2
+_DASH = "–"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReportPart:
-    """What one evaluation tells on the page.
+    """One evaluation's part of the page.
 
     Attributes:
-        key: of `PARTS`; its figures have it in `metrics.json`.
-        title: plain words.
-        lead: the result, below the title.
-        facts: names and values of what it was measured on.
-        sections: in order.
+        key: one of `PARTS`; also the evaluation's key in `metrics.json`.
+        title: plain text.
+        html: the whole part; its sections' anchors begin with the key.
     """
 
     key: str
     title: str
-    lead: Html
-    facts: tuple[tuple[str, str], ...]
-    sections: tuple[ReportSection, ...]
-
-    def __post_init__(self) -> None:
-        anchors = [section.anchor for section in self.sections]
-        twice = sorted({anchor for anchor in anchors if anchors.count(anchor) > 1})
-        if twice:
-            raise StoreError(f"{self.key}: more than one section named {', '.join(twice)}; names are unique")
-
-    @property
-    def html(self) -> Html:
-        """The part with links to its sections, whose anchors begin with its key."""
-        named = [(f"{self.key}-{section.anchor}", section) for section in self.sections]
-        return article(
-            self.key,
-            self.title,
-            self.lead,
-            facts(self.facts),
-            navigation([(anchor, shown.heading) for anchor, shown in named]),
-            *(section(anchor, shown.heading, shown.body) for anchor, shown in named),
-        )
+    html: Markup
 
     def to_json(self) -> dict[str, Any]:
-        """Values as JSON holds them; the key is left to the file's name."""
-        return {
-            "format": _FORMAT,
-            "title": self.title,
-            "lead": self.lead.text,
-            "facts": [list(fact) for fact in self.facts],
-            "sections": [[shown.anchor, shown.heading, shown.body.text] for shown in self.sections],
-        }
+        """JSON values, without the key, which is the file's name."""
+        return {"format": _FORMAT, "title": self.title, "html": str(self.html)}
 
     @staticmethod
     def from_json(values: Mapping[str, Any], *, key: str, where: str) -> ReportPart:
         """Inverse of `to_json`.
 
         Raises:
-            StoreError: these are not the values of a part.
+            StoreError: `values` is not a part in this format.
         """
-        try:
-            if values["format"] != _FORMAT:
-                raise StoreError(
-                    f"{where}: a part of the report of format {values['format']}; must be {_FORMAT}"
-                )
-            return ReportPart(
-                key=key,
-                title=_words(values["title"]),
-                lead=Html(_words(values["lead"])),
-                facts=tuple((_words(name), _words(value)) for name, value in values["facts"]),
-                sections=tuple(
-                    ReportSection(anchor=_words(anchor), heading=_words(heading), body=Html(_words(body)))
-                    for anchor, heading, body in values["sections"]
-                ),
+        if values.get("format") != _FORMAT:
+            raise StoreError(
+                f"{where}: a part of the report of format {values.get('format')}; must be {_FORMAT}"
             )
-        except (KeyError, TypeError, ValueError) as error:
-            raise StoreError(f"{where}: no part of the report ({error})") from error
+        title, html = values.get("title"), values.get("html")
+        if not isinstance(title, str) or not isinstance(html, str):
+            raise StoreError(f"{where}: not a part of the report; title and html must be text")
+        return ReportPart(key=key, title=title, html=Markup(html))
+
+
+def render_part(key: str, *, title: str, facts: Sequence[tuple[str, str]], **context: Any) -> ReportPart:
+    """Fill in the template of a part.
+
+    Args:
+        key: one of `PARTS`; the template is `KEY.html.j2`.
+        title: plain text.
+        facts: names and values shown beside each other at the top.
+        context: further names for the template.
+    """
+    links: list[tuple[str, str]] = []
+    template = _environment().get_template(f"{key}.html.j2")
+    html = template.render(key=key, title=title, facts=facts, links=links, **context)
+    anchors = [anchor for anchor, _ in links]
+    assert len(set(anchors)) == len(anchors), f"{key}: two sections with the same anchor among {anchors}"
+    return ReportPart(key=key, title=title, html=Markup(html))
+
+
+def render_macro(name: str, *arguments: Any, **options: Any) -> Markup:
+    """The markup of one macro of `macros.html.j2`."""
+    return getattr(_environment().get_template("macros.html.j2").module, name)(*arguments, **options)
 
 
 def report_page(parts: Sequence[ReportPart], *, absent: Sequence[str] = ()) -> str:
@@ -118,26 +90,54 @@ def report_page(parts: Sequence[ReportPart], *, absent: Sequence[str] = ()) -> s
 
     Args:
         parts: in any order.
-        absent: keys of evaluations that were made and whose parts cannot be shown.
+        absent: keys of evaluations that were made but whose parts cannot be shown.
     """
     ordered = sorted(parts, key=lambda part: PARTS.index(part.key))
-    links = navigation([(part.key, part.title) for part in ordered], kind="parts")
-    return page(
-        "Rendezvous: report",
-        # One part alone has its title right below.
-        head=joined(links if len(ordered) > 1 else "", *(_absence(key) for key in absent)),
-        body=[part.html for part in ordered],
+    return _environment().get_template("page.html.j2").render(parts=ordered, absent=absent)
+
+
+def percent(value: float | None, decimals: int = 1) -> str:
+    """A share in percent, or a dash for None and NaN."""
+    return _DASH if value is None or math.isnan(value) else f"{100.0 * value:.{decimals}f} %"
+
+
+def number(value: float | None, decimals: int = 0, *, scale: float = 1.0, signed: bool = False) -> str:
+    """A number with a true minus sign; a dash for None and NaN, ∞ for infinity."""
+    if value is None or math.isnan(value):
+        return _DASH
+    if math.isinf(value):
+        return "∞" if value > 0.0 else "−∞"
+    return f"{scale * value:{'+' if signed else ''}.{decimals}f}".replace("-", "−")
+
+
+def bounds(value: Interval, decimals: int = 0, *, scale: float = 1.0) -> str:
+    """The ends of an interval, or '' where there is nothing to measure."""
+    if math.isnan(value.low):
+        return ""
+    return f"{number(value.low, decimals, scale=scale)} … {number(value.high, decimals, scale=scale)}"
+
+
+def data_uri(picture: bytes | Image) -> str:
+    """A PNG, or the pixels of one, as a `data:` address."""
+    data = picture if isinstance(picture, bytes) else encoded_png(picture)
+    return f"data:image/png;base64,{base64.b64encode(data).decode()}"
+
+
+@cache
+def _environment() -> Environment:
+    environment = Environment(
+        loader=PackageLoader("rendezvous.evaluation.report", "templates"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        extensions=["jinja2.ext.do"],
     )
-
-
-def _absence(key: str) -> Html:
-    return paragraph(
-        badge("not shown", "warning"),
-        f" The evaluation “{key}” was made, and its part of this page is missing or damaged; run it again.",
-    )
-
-
-def _words(value: Any) -> str:
-    if not isinstance(value, str):
-        raise TypeError(f"{value!r} is not text")
-    return value
+    environment.filters |= {
+        "percent": percent,
+        "number": number,
+        "bounds": bounds,
+        "degrees": math.degrees,
+        "data_uri": data_uri,
+    }
+    return environment
