@@ -223,13 +223,13 @@ def test_damaged_figures_are_told_before_anything_is_measured(data, tmp_path):
 def test_a_missing_matplotlib_is_told_before_anything_is_measured(monkeypatch):
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     for name in (
-        "evaluation.pictures.plotting",
+        "evaluation.report.charts",
         "evaluation.frame_error.charts",
         "evaluation.frame_error.report",
         "commands.evaluate.frame_error",
     ):
         monkeypatch.delitem(sys.modules, f"rendezvous.{name}", raising=False)
-    with pytest.raises(SetupError, match=r"need matplotlib, .*'rendezvous-fusion\[learn\]'"):
+    with pytest.raises(SetupError, match=r"needs matplotlib, .*'rendezvous-fusion\[learn\]'"):
         __import__("rendezvous.commands.evaluate.frame_error")
 
 

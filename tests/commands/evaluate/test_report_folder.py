@@ -4,18 +4,17 @@ import io
 import json
 
 import pytest
+from markupsafe import Markup
 from rendezvous.commands.evaluate.report_folder import keep_evaluation, kept_metrics
 from rendezvous.errors import StoreError
-from rendezvous.evaluation.report.html_page import paragraph
-from rendezvous.evaluation.report.page import ReportPart, ReportSection
+from rendezvous.evaluation.report.page import ReportPart
 from rendezvous.store.disk import Disk
 from rich.console import Console
 
 
 def _keep(folder, key: str, words: str) -> str:
     """Keep an evaluation that tells some words; returns what the user was told."""
-    section = ReportSection(anchor="table", heading="Table", body=paragraph(words))
-    part = ReportPart(key=key, title=key, lead=paragraph(""), facts=(), sections=(section,))
+    part = ReportPart(key=key, title=key, html=Markup(f"<p>{words}</p>"))
     told = io.StringIO()
     keep_evaluation(Disk(str(folder)), part, {"words": words}, Console(file=told))
     return told.getvalue()

@@ -1,7 +1,9 @@
 from __future__ import annotations
 
 import re
+from contextlib import nullcontext
 from dataclasses import replace
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -9,12 +11,12 @@ import pytest
 pytest.importorskip("matplotlib")
 
 from rendezvous.errors import StoreError
-from rendezvous.evaluation.frame_error.gallery import panels
+from rendezvous.evaluation.frame_error import report
+from rendezvous.evaluation.frame_error.gallery import Shown, panels
 from rendezvous.evaluation.frame_error.measured_row import Conditions, MeasuredRow, Training
 from rendezvous.evaluation.frame_error.report import FrameErrorContent, frame_error_part
-from rendezvous.evaluation.frame_error.report_gallery import Shown
 from rendezvous.evaluation.frame_error.summary import Comparison, comparisons, summary
-from rendezvous.evaluation.frame_error.tables import comparison_table, table_one
+from rendezvous.evaluation.frame_error.symmetry import Symmetry
 from rendezvous.evaluation.frame_error.training_curve import TrainingCurve
 from rendezvous.evaluation.report.page import report_page
 from rendezvous.evaluation.statistics import Interval, resample_weights
@@ -38,6 +40,7 @@ CONDITIONS = Conditions(
 FALLING = TrainingCurve(
     samples=np.arange(1.0, 21.0), position_m=1.0 / np.arange(1.0, 21.0), yaw_rad=np.ones(20), minutes=8.0
 )
+NO_CHARTS = dict.fromkeys(("scatter", "cdf", "calibration", "curves"))
 TRAINING = Training(
     seed=4,
     samples=12345,
@@ -50,8 +53,10 @@ TRAINING = Training(
 )
 
 
-def _page(content: FrameErrorContent) -> str:
-    return report_page([frame_error_part(content)])
+def _page(content: FrameErrorContent, *, drawn: bool = False) -> str:
+    """The page, by default without its charts, which take seconds to draw."""
+    with nullcontext() if drawn else patch.object(report, "_charts", return_value=NO_CHARTS):
+        return report_page([frame_error_part(content)])
 
 
 def _row(name: str, outcomes, pairs, weights, training: Training | None = None) -> MeasuredRow:
@@ -89,7 +94,7 @@ def content() -> FrameErrorContent:
 
 @pytest.fixture(scope="module")
 def page(content) -> str:
-    return _page(content)
+    return _page(content, drawn=True)
 
 
 def test_the_page_needs_nothing_but_itself(page):
@@ -107,7 +112,7 @@ def test_rows_that_nobody_trained_are_marked_and_hold_no_figure(page):
     lines = [line for line in body.split("<tr") if "not trained" in line]
     assert len(lines) == 7
     for line in lines:
-        printed = re.findall(r'<td class="number">(.*?)</td>', line)
+        printed = re.findall(r"<td>(.*?)</td>", line)
         assert set(printed) == {"–"}
 
 
@@ -119,11 +124,15 @@ def test_a_recorded_row_tells_where_it_is_from_and_that_it_has_not_converged(pag
     assert page.count('badge measured">measured') == 2
 
 
+def _line(content, title: str) -> str:
+    """The line of Table I on a method."""
+    (line,) = [line for line in _page(content).split("<tr") if f'class="name source">{title} <' in line]
+    return line
+
+
 def _source_of(content, row: MeasuredRow) -> str:
     """The line of Table I on `vit-lie`."""
-    body = table_one({**content.rows, "vit-lie": row}, list(content.found)).text
-    (line,) = [line for line in body.split("<tr") if 'class="name source">ViT + Lie <' in line]
-    return line
+    return _line(replace(content, rows={**content.rows, "vit-lie": row}), "ViT + Lie")
 
 
 def test_without_a_curve_or_with_a_short_one_convergence_is_not_known(content):
@@ -168,7 +177,7 @@ def test_rows_that_are_not_comparable_have_names_of_their_own(change, name):
 
 def test_the_best_of_each_column_is_marked_and_the_paper_stands_beside(page):
     (line,) = [line for line in page.split("<tbody>")[1].split("<tr") if "Correlative" in line]
-    assert 'class="number best">0.050' in line
+    assert 'class=" best">0.050' in line
     assert "0.425" in page.split("</table>")[0]
     assert "0.05 m" in page
 
@@ -211,7 +220,7 @@ def test_a_damaged_row_is_told(content, damage):
 
 def test_charts_are_left_out_where_there_is_nothing_to_draw(content):
     orb = {"rows": {"orb": content.rows["orb"]}, "found": {"orb": content.found["orb"]}}
-    bare = _page(replace(content, **orb, attention={}, comparisons=[]))
+    bare = _page(replace(content, **orb, attention={}, comparisons=[]), drawn=True)
     assert "Error against training samples" not in bare
     assert "What the transformer looks at" not in bare
     assert "Who is better" not in bare
@@ -228,11 +237,17 @@ def test_the_page_says_what_its_figures_do_not_show(page):
 
 
 def test_the_papers_hough_row_stands_presumably_beside_the_global_one(content):
-    row = content.rows["orb"]
-    body = table_one({"hough": row, "hough-global": row}, ["hough", "hough-global"]).text
-    window, everywhere = (line for line in body.split("<tr") if "Hough" in line)
-    assert "1.096<small>presumably</small>" in everywhere
-    assert "1.096" not in window
+    found, row = content.found["orb"], content.rows["orb"]
+    names = ("hough", "hough-global")
+    both = replace(
+        content,
+        found=dict.fromkeys(names, found),
+        rows=dict.fromkeys(names, row),
+        comparisons=[],
+        attention={},
+    )
+    assert "1.096<small>presumably</small>" in _line(both, "Hough, global")
+    assert "1.096" not in _line(both, "Hough, in the window")
 
 
 def test_a_verdict_names_what_is_better_and_what_is_worse_beyond_doubt():
@@ -246,6 +261,17 @@ def test_a_verdict_names_what_is_better_and_what_is_worse_beyond_doubt():
         heading_rad=interval(0.1, 0.2),
         success=interval(-0.2, 0.1),
     )
-    assert "better in position; worse in heading<" in comparison_table([comparison]).text
+    assert comparison.verdict == "better in position; worse in heading"
     unsure = replace(comparison, position_m=interval(-0.8, 0.1), heading_rad=interval(-0.1, 0.2))
-    assert "no difference beyond doubt" in comparison_table([unsure]).text
+    assert unsure.verdict == "no difference beyond doubt"
+
+
+def test_symmetric_scenes_stand_apart_where_they_were_told_apart(content):
+    weights = np.ones((5, 3))
+    apart = Symmetry.of(np.array([0.7, 0.2, 0.59]), content.found, weights)
+    words = _page(replace(content, symmetry=apart))
+    assert "1 of 3 pairs have such a map, and the median over all pairs is 59 %" in words
+    assert "symmetric, 1 pairs" in words
+    none = Symmetry.of(np.zeros(3), content.found, weights)
+    assert "symmetric, none" in _page(replace(content, symmetry=none))
+    assert "Symmetric scenes apart" not in _page(content)

@@ -72,7 +72,7 @@ class Panel:
 
     @property
     def good(self) -> bool | None:
-        """Whether the error is a success; None for the truth, the input and other pictures without a verdict."""
+        """Whether the error is a success; None for the truth, the input and attention."""
         if self.position_m is None or self.heading_rad is None or self.name == "input":
             return None
         return not self.failed and self.position_m <= SUCCESS_M and self.heading_rad <= SUCCESS_RAD

@@ -6,6 +6,8 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from markupsafe import Markup
+
 from rendezvous.alignment.estimate import WRONG_M, WRONG_RAD
 from rendezvous.evaluation import statistics
 from rendezvous.evaluation.frame_error import symmetry
@@ -134,11 +136,6 @@ class FrameErrorContent:
 def frame_error_part(content: FrameErrorContent) -> ReportPart:
     """The part; sections with nothing to show are left out."""
     c = content.conditions
-    curves = {
-        name: row.training.curve
-        for name, row in content.rows.items()
-        if row.training is not None and row.training.curve is not None
-    }
     return render_part(
         KEY,
         title="Frame error: how well two robots' maps are brought together",
@@ -151,12 +148,7 @@ def frame_error_part(content: FrameErrorContent) -> ReportPart:
             ("seed", str(c.seed)),
         ],
         c=content,
-        charts={
-            "scatter": scatter_chart(content.found, content.pairs),
-            "cdf": cdf_chart(content.found),
-            "calibration": calibration_chart(content.found),
-            "curves": curve_chart(curves),
-        },
+        charts=_charts(content),
         statistics=statistics,
         symmetry=symmetry,
         still_falling=STILL_FALLING,
@@ -164,3 +156,18 @@ def frame_error_part(content: FrameErrorContent) -> ReportPart:
         limits=f"{SUCCESS_M:g} m and {math.degrees(SUCCESS_RAD):.0f}°",
         wrong=f"{WRONG_M:g} m or {math.degrees(WRONG_RAD):.0f}°",
     )
+
+
+def _charts(content: FrameErrorContent) -> dict[str, Markup | None]:
+    """By the name that the template has for each; None where there is nothing to draw."""
+    curves = {
+        name: row.training.curve
+        for name, row in content.rows.items()
+        if row.training is not None and row.training.curve is not None
+    }
+    return {
+        "scatter": scatter_chart(content.found, content.pairs),
+        "cdf": cdf_chart(content.found),
+        "calibration": calibration_chart(content.found),
+        "curves": curve_chart(curves),
+    }
