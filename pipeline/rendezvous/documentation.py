@@ -1,12 +1,14 @@
-"""Rewrite the generated parts of the README: `python -m rendezvous.documentation`.
+"""Rewrite the generated parts of the documentation: `python -m rendezvous.documentation`.
 
-They stand between `<!-- generated: NAME -->` and `<!-- end of NAME -->` and say what the code says, so
-that the two cannot drift apart; a test compares them.
+A generated part stands between `<!-- generated: NAME -->` and `<!-- end of NAME -->` and says what the code
+says; a test compares the two.
 """
 
 from __future__ import annotations
 
 import ast
+import re
+from collections.abc import Callable
 from pathlib import Path
 
 import yaml
@@ -15,43 +17,59 @@ from rendezvous.evaluation.dataset.tables import column_table, markdown_table
 from rendezvous.resources import ROOT
 from rendezvous.schema import PAIRS, POSES
 
-_BESIDE_THE_DATA = ("train", "train_pose")
-"""Stages that write to the working folder, as what they make outlives the data."""
+_PACKAGE = ROOT / "pipeline" / "rendezvous"
+_OUTSIDE_THE_DATA = ("train", "train_pose")
+"""Stages that write to the working folder: weights outlive the data that they were trained on."""
 
 
-def documented(readme: str, *, root: Path = ROOT) -> str:
-    """The README with its generated parts as they should be."""
-    tables = {
-        "stages": _stage_table(root),
-        "columns": column_table(PAIRS),
-        "poses": column_table(POSES),
-    }
-    for name, text in tables.items():
+def documented(text: str) -> str:
+    """The text of a page with its generated parts as they should be."""
+    for name in re.findall(r"<!-- generated: (\w+) -->", text):
         head, tail = f"<!-- generated: {name} -->", f"<!-- end of {name} -->"
-        before, rest = readme.split(head)
-        readme = f"{before}{head}\n\n{text}\n\n{tail}{rest.split(tail)[1]}"
-    return readme
+        before, rest = text.split(head)
+        text = f"{before}{head}\n\n{_PARTS[name]()}\n\n{tail}{rest.split(tail)[1]}"
+    return text
 
 
-def _stage_table(root: Path) -> str:
+def pages() -> list[Path]:
+    """Every page that has generated parts."""
+    found = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+    return [page for page in found if "<!-- generated: " in page.read_text(encoding="utf-8")]
+
+
+def _stages() -> str:
     """The stages of `stages.yaml`, each with the first sentence of its module."""
-    stages = yaml.safe_load((root / "stages.yaml").read_text())["stages"]
+    stages = yaml.safe_load((ROOT / "stages.yaml").read_text(encoding="utf-8"))["stages"]
     rows = [
         (
             f"[`{name}`](pipeline/rendezvous/stages/{name}.py)",
             ", ".join(f"`data/{stages[read]['writes']}/`" for read in stage["reads"]),
-            f"`{stage['writes']}/`" if name in _BESIDE_THE_DATA else f"`data/{stage['writes']}/`",
-            _first_sentence(root / "pipeline" / "rendezvous" / "stages" / f"{name}.py"),
+            f"`{stage['writes']}/`" if name in _OUTSIDE_THE_DATA else f"`data/{stage['writes']}/`",
+            _first_sentence(_PACKAGE / "stages" / f"{name}.py"),
         )
         for name, stage in stages.items()
     ]
     return markdown_table(("stage", "reads", "writes", "what it does"), rows)
 
 
-def _first_sentence(module: Path) -> str:
-    return (ast.get_docstring(ast.parse(module.read_text())) or "").splitlines()[0]
+def _rooms() -> str:
+    """Every package of the code, with its docstring."""
+    inits = [init for init in sorted(_PACKAGE.rglob("__init__.py")) if init.parent != _PACKAGE]
+    rows = [(f"`{init.parent.relative_to(_PACKAGE)}/`", _first_sentence(init)) for init in inits]
+    return markdown_table(("folder of `pipeline/rendezvous/`", "what it holds"), rows)
 
+
+def _first_sentence(module: Path) -> str:
+    return (ast.get_docstring(ast.parse(module.read_text(encoding="utf-8"))) or "").splitlines()[0]
+
+
+_PARTS: dict[str, Callable[[], str]] = {
+    "stages": _stages,
+    "rooms": _rooms,
+    "columns": lambda: column_table(PAIRS),
+    "poses": lambda: column_table(POSES),
+}
 
 if __name__ == "__main__":
-    README = ROOT / "README.md"
-    README.write_text(documented(README.read_text()))
+    for page in pages():
+        page.write_text(documented(page.read_text(encoding="utf-8")), encoding="utf-8")
