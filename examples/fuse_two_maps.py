@@ -14,4 +14,5 @@ result = fuse(
 )
 print(f"map 1 in map 0: {result.T_m0_m1}")
 print(f"verdict: {result.verdict}")
-print(f"fused map: {result.grid.cells.shape[1]} x {result.grid.cells.shape[0]} cells of {result.grid.resolution_m} m")
+rows, columns = result.grid.cells.shape
+print(f"fused map: {columns} x {rows} cells of {result.grid.resolution_m} m")

@@ -14,7 +14,8 @@ from rendezvous.resources import ROBOTS
 
 LENGTH_M, WIDTH_M, HEIGHT_M = 0.24, 0.22, 0.26
 
-# The robot file: a copy of the Burger's with other dimensions, in the robot's frame (between the wheels, x forward).
+# The robot file: a copy of the Burger's with other dimensions. The robot's frame: on the floor between the
+# wheels, x forward, y left, z up.
 robot = yaml.safe_load((ROBOTS / "burger" / "robot.yaml").read_text())
 robot |= {"name": "courier", "size_m": [LENGTH_M, WIDTH_M, HEIGHT_M], "radius_m": 0.165, "mass_kg": 2.5}
 robot["chassis"] |= {"radius_m": 0.11, "centre_x_m": 0.0, "top_z_m": 0.2}
@@ -24,7 +25,7 @@ robot["camera"]["xyz_m"] = [0.11, 0.0, 0.15]
 robot["cuboid"] = {"size_m": [LENGTH_M, WIDTH_M, HEIGHT_M], "centre_m": [0.0, 0.0, HEIGHT_M / 2]}
 Path("courier.yaml").write_text(yaml.safe_dump(robot))
 
-# What it looks like: a red body, a dark lidar, two wheels, and a white front, so that its heading can be seen.
+# What it looks like: a red body, a dark lidar, two wheels, and a white front that shows its heading.
 looks = SolidParts(
     {
         "body": Material(base_colour_rgb=(0.6, 0.08, 0.06), roughness=0.5),

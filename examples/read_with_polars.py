@@ -1,4 +1,4 @@
-"""Read the pairs with Polars alone: how large are the SLAM errors, and how often do the maps hardly overlap?"""
+"""Read the pairs with Polars alone: how many pairs are there, and how good are they, by overlap?"""
 
 import sys
 

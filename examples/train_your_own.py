@@ -19,7 +19,7 @@ CENTROID = 8  # the last of the nine points of projected_cuboid_px
 
 
 class RobotImages(Dataset[tuple[Tensor, Tensor]]):
-    """Images of one split, with what is to be learnt: (robot there, u, v), u and v in image widths and heights."""
+    """Images of one split, and the target (robot there, u, v) of each; u, v in image widths and heights."""
 
     def __init__(self, folder: Path, split: str) -> None:
         columns = ["image", "image_width_px", "image_height_px", "projected_cuboid_px"]
@@ -74,7 +74,8 @@ def main(folder: Path, epochs: int) -> None:
                     loss.backward()
                     optimiser.step()
                 losses[split].append(loss.item())
-        print(f"epoch {epoch}: " + ", ".join(f"{split} {np.mean(found):.3f}" for split, found in losses.items()))
+        means = ", ".join(f"{split} {np.mean(found):.3f}" for split, found in losses.items())
+        print(f"epoch {epoch}: {means}")
 
 
 if __name__ == "__main__":

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import re
+import shlex
 import subprocess
 import sys
 import tomllib
@@ -8,26 +9,48 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+import yaml
+from rendezvous.cli.__main__ import app
 from rendezvous.commands.export.sighting import export_sighting
 from rendezvous.config.sections import TrainSection
-from rendezvous.documentation import documented
+from rendezvous.documentation import documented, pages
 from rendezvous.geometry.se2 import SE2
 from rendezvous.resources import ROOT
 from rendezvous.robot_file import load_robot
 from rendezvous.schema import PAIRS, POSES
 from rendezvous.stages.pack import pack
 from rendezvous.stages.weights.pose_source import PoseWeights
+from rendezvous.store.read import StageReader
+from typer.testing import CliRunner
 
 from tests.commands.fuse.test_fuse import Seeing
 from tests.synthetic_dataset import explored, synthetic_run
 
+PAGES = [
+    ROOT / "README.md",
+    ROOT / "CONTRIBUTING.md",
+    ROOT / "examples" / "README.md",
+    *(ROOT / "docs").glob("*.md"),
+]
 README = (ROOT / "README.md").read_text()
-FUSE_EXAMPLE, *EXAMPLES = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
+DATASET = (ROOT / "docs" / "dataset.md").read_text()
+DATASET_EXAMPLES = re.findall(r"```python\n(.*?)```", DATASET, re.DOTALL)
+(FUSE_EXAMPLE,) = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "fuse.md").read_text(), re.DOTALL)
+EXAMPLES = ROOT / "examples"
 
 
-def test_the_readme_says_what_the_code_says():
-    assert documented(README) == README, "run `python -m rendezvous.documentation`"
-    assert all(f"| `{column.name}` |" in README for column in (*PAIRS.columns, *POSES.columns))
+def test_the_generated_parts_say_what_the_code_says():
+    generated = pages()
+    assert [page.name for page in generated] == ["README.md", "architecture.md", "dataset.md"]
+    for page in generated:
+        assert documented(page.read_text()) == page.read_text(), f"{page.name}: run `make docs`"
+    assert all(f"| `{column.name}` |" in DATASET for column in (*PAIRS.columns, *POSES.columns))
+
+
+def test_every_package_says_what_it_holds():
+    inits = [init for init in (ROOT / "pipeline").rglob("__init__.py") if "shipped" not in init.parts]
+    assert len(inits) > 30
+    assert [str(init) for init in inits if not init.read_text().startswith('"""')] == []
 
 
 def test_the_table_of_stages_says_that_weights_lie_beside_the_data():
@@ -35,26 +58,44 @@ def test_the_table_of_stages_says_that_weights_lie_beside_the_data():
     assert "| `data/dataset/` | `runs/` |" in train
 
 
-def test_every_file_that_the_readme_links_to_exists():
-    links = re.findall(r"\]\(([^)#]+)\)", README)
-    assert len(links) > 5
-    assert [link for link in links if not link.startswith("http") and not (ROOT / link).exists()] == []
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_every_file_that_a_page_links_to_exists(page):
+    links = [
+        link for link in re.findall(r"\]\(([^)#]+)[^)]*\)", page.read_text()) if not link.startswith("http")
+    ]
+    assert page.name == "cluster.md" or links
+    assert [link for link in links if not (page.parent / link).exists()] == []
+
+
+def test_the_readme_is_short_and_names_every_page():
+    assert len(README.splitlines()) <= 170
+    assert all(f"](docs/{page.name})" in README for page in (ROOT / "docs").glob("*.md"))
 
 
 def test_contributors_find_parameters_where_they_are_told():
     told = (ROOT / "CONTRIBUTING.md").read_text()
-    (named,) = re.findall(r"section in `(pipeline/rendezvous/[\w/]+\.py)`", told)
-    assert named == f"pipeline/{TrainSection.__module__.replace('.', '/')}.py"
-    rooms = re.findall(r"`(\w+)`", re.findall(r"\*\*Rooms\*\* \((.*?)\)", told)[0])
-    layers = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"][0]
+    assert f"(pipeline/{TrainSection.__module__.replace('.', '/')}.py)" in told
+    rooms = set(re.findall(r"`(\w+)`", re.findall(r"\*\*Rooms\*\* \((.*?)\)", told, re.DOTALL)[0]))
+    layers = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"][0][
+        "layers"
+    ]
     packages = {path.parent.name for path in (ROOT / "pipeline" / "rendezvous").glob("*/__init__.py")}
-    below_stages = {name for line in layers["layers"][4:] for name in re.findall(r"\w+", line)} & packages
-    assert set(rooms) == below_stages - {"store", "interop"}  # which deal with files
+    shell = {"cli", "commands", "stages", "engine", "config"}
+    below = {name for line in layers for name in re.findall(r"\w+", line)} & packages - shell
+    assert rooms == below - {"store", "interop"}  # which deal with files
+
+
+def test_the_changelog_and_the_citation_name_this_version():
+    version = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]
+    assert f"## [{version}]" in (ROOT / "CHANGELOG.md").read_text()
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text())
+    assert citation["version"] == version
+    assert citation["license"] == "Apache-2.0"
 
 
 def test_the_pictures_suit_a_readme():
     sizes = [path.stat().st_size for path in (ROOT / "docs" / "images").iterdir()]
-    assert len(sizes) == 3
+    assert len(sizes) >= 3
     assert max(sizes) < 400_000
 
 
@@ -66,10 +107,9 @@ def folder(tmp_path_factory) -> Path:
     return folder
 
 
-@pytest.mark.parametrize("example", EXAMPLES, ids=range(len(EXAMPLES)))
-def test_the_examples_run(example, folder):
+def _run(arguments, folder):
     done = subprocess.run(
-        [sys.executable, "-c", example],
+        [sys.executable, *arguments],
         env={"PATH": "", "HOME": str(folder), "HF_HOME": str(folder), "HF_DATASETS_OFFLINE": "1"},
         cwd=folder,
         capture_output=True,
@@ -77,6 +117,47 @@ def test_the_examples_run(example, folder):
         check=False,
     )
     assert done.returncode == 0, done.stderr[-2000:]
+    return done.stdout
+
+
+@pytest.mark.parametrize("example", DATASET_EXAMPLES, ids=range(len(DATASET_EXAMPLES)))
+def test_the_examples_of_the_dataset_run(example, folder):
+    _run(["-c", example], folder)
+
+
+def test_there_is_an_example_for_every_program():
+    assert [example.split()[1] for example in DATASET_EXAMPLES] == ["datasets", "duckdb", "polars", "pathlib"]
+
+
+def test_every_example_script_is_listed_and_run_here():
+    scripts = {path.name for path in EXAMPLES.glob("*.py")}
+    assert scripts == set(re.findall(r"\]\((\w+\.py)\)", (EXAMPLES / "README.md").read_text()))
+    assert scripts == set(SAYS) | {"own_robot.py"}
+
+
+SAYS = {
+    "fuse_two_maps.py": r"verdict: accepted\n",
+    "read_with_polars.py": r"wall_agreement_local",
+    "plot_pair.py": r"overlap \d\.\d\d, range \d\.\d\d m: pair\.png",
+    "train_your_own.py": r"epoch 1: train \d+\.\d+, validation \d+\.\d+",
+    "own_estimator.py": r"index\.html",
+}
+"""What each script prints, among other things."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("script", SAYS)
+def test_the_example_scripts_run(script, folder):
+    arguments = ["data/dataset", "2"] if script == "train_your_own.py" else []
+    assert re.search(SAYS[script], _run([str(EXAMPLES / script), *arguments], folder))
+
+
+@pytest.mark.slow
+def test_a_dataset_of_ones_own_robot_is_made_by_the_example(tmp_path):
+    few = ["--set", "floorplans.generate.count=0", "--set", "explore.episodes_per_plan=1"]
+    _run([str(EXAMPLES / "own_robot.py"), *few, "--workers", "1"], tmp_path)
+    rows = StageReader(str(tmp_path / "data-courier" / "dataset")).rows(columns=["robot"])
+    assert {row["robot"] for row in rows} == {"courier"}
 
 
 def test_the_example_of_fuse_runs_on_a_sighting_of_the_dataset(folder, monkeypatch, capsys):
@@ -95,5 +176,14 @@ def test_the_example_of_fuse_runs_on_a_sighting_of_the_dataset(folder, monkeypat
     assert re.match(r"SE2\(x_m=.*\) (accepted|uncertain: )", capsys.readouterr().out)
 
 
-def test_there_is_an_example_for_every_program():
-    assert [example.split()[1] for example in EXAMPLES] == ["datasets", "duckdb", "polars", "pathlib"]
+@pytest.mark.slow
+def test_the_readme_fuses_the_shipped_sighting(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (console,) = re.findall(r"```console\n(\$ rendezvous example.*?)```", README, re.DOTALL)
+    for command in re.findall(r"^\$ rendezvous ((?:.*\\\n)*.*)$", console, re.MULTILINE):
+        shown = CliRunner().invoke(app, shlex.split(command.replace("\\\n", "")))
+        assert shown.exit_code == 0, shown.output
+    assert shown.stdout.splitlines()[:2] == console.splitlines()[4:6]
+    (example,) = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
+    exec(example, {})
+    assert re.fullmatch(r"SE2\(x_m=-4\.79.*\) accepted\n", capsys.readouterr().out)

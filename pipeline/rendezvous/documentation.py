@@ -13,13 +13,12 @@ from pathlib import Path
 
 import yaml
 
+from rendezvous.config.stage_table import STAGES
 from rendezvous.evaluation.dataset.tables import column_table, markdown_table
 from rendezvous.resources import ROOT
 from rendezvous.schema import PAIRS, POSES
 
 _PACKAGE = ROOT / "pipeline" / "rendezvous"
-_OUTSIDE_THE_DATA = ("train", "train_pose")
-"""Stages that write to the working folder: weights outlive the data that they were trained on."""
 
 
 def documented(text: str) -> str:
@@ -38,16 +37,16 @@ def pages() -> list[Path]:
 
 
 def _stages() -> str:
-    """The stages of `stages.yaml`, each with the first sentence of its module."""
-    stages = yaml.safe_load((ROOT / "stages.yaml").read_text(encoding="utf-8"))["stages"]
+    """The stages in flow order: what each reads, writes and does."""
+    links = yaml.safe_load((ROOT / "stages.yaml").read_text(encoding="utf-8"))["stages"]
     rows = [
         (
-            f"[`{name}`](pipeline/rendezvous/stages/{name}.py)",
-            ", ".join(f"`data/{stages[read]['writes']}/`" for read in stage["reads"]),
-            f"`{stage['writes']}/`" if name in _OUTSIDE_THE_DATA else f"`data/{stage['writes']}/`",
-            _first_sentence(_PACKAGE / "stages" / f"{name}.py"),
+            f"[`{stage.name}`](pipeline/rendezvous/stages/{stage.name}.py)",
+            ", ".join(f"`data/{links[read]['writes']}/`" for read in stage.reads),
+            f"`{'' if stage.beside_data else 'data/'}{links[stage.name]['writes']}/`",
+            stage.about,
         )
-        for name, stage in stages.items()
+        for stage in STAGES.values()
     ]
     return markdown_table(("stage", "reads", "writes", "what it does"), rows)
 
