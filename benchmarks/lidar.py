@@ -29,10 +29,10 @@ REPEATS = 15
 def measure(options: argparse.Namespace) -> dict[str, Any]:
     """Median microseconds per scan, and how many times ours is faster."""
     plan = shipped_plans()[0]
-    furniture = furnish(plan, stream(0, "bench"), density=1.0)
     robot = load_robot(default_config().explore.robot)
+    furniture = furnish(plan, stream(0, "bench"), density=1.0, robot_radius_m=robot.radius_m)
     bearings = beam_bearings(robot.lidar)
-    at = start_regions(plan)[0].representative_point()
+    at = start_regions(plan, robot_radius_m=robot.radius_m)[0].representative_point()
     scene = ray_scene(*lidar_outline(plan, furniture, height_m=robot.lidar.z_m))
     pose = np.tile([at.x, at.y, 0.1], (robot.lidar.beams, 1))
     height_m = robot.lidar.z_m

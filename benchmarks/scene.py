@@ -11,6 +11,7 @@ from rendezvous.floorplan.houseexpo import parse_floorplan
 from rendezvous.floorplan.records import Floorplan, Solid
 from rendezvous.floorplan.validate import validated
 from rendezvous.floorplan.walls import wall_boxes
+from rendezvous.robot_file import load_robot
 
 ROOT = Path(__file__).parents[1]
 
@@ -23,7 +24,9 @@ def default_config() -> Config:
 @cache
 def shipped_plans() -> tuple[Floorplan, ...]:
     files = sorted((ROOT / "floorplans").glob("*.json"))
-    return tuple(validated(parse_floorplan(json.loads(f.read_text()), source=f.name)) for f in files)
+    radius_m = load_robot(default_config().floorplans.robot).radius_m
+    plans = [parse_floorplan(json.loads(f.read_text()), source=f.name) for f in files]
+    return tuple(validated(plan, robot_radius_m=radius_m) for plan in plans)
 
 
 @cache

@@ -41,6 +41,6 @@ for side in (-1, 1):
     looks.box("wheels", (0.066, 0.018, 0.066), (0.0, side * 0.1, 0.033))
 Path("courier.glb").write_bytes(robot_glb(looks.parts()))
 
-settings = ["--set", "explore.robot=courier.yaml", "--set", "meshes.robot=courier.yaml", *sys.argv[1:]]
+robots = [f"--set={stage}.robot=courier.yaml" for stage in ("floorplans", "meshes", "explore")]
 command = [sys.executable, "-m", "rendezvous.cli", "dataset", "--preset", "smoke", "--data", "data-courier"]
-subprocess.run([*command, *settings], check=True)
+subprocess.run([*command, *robots, *sys.argv[1:]], check=True)

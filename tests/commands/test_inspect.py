@@ -16,6 +16,7 @@ from rendezvous.store.parquet import Layout
 from rendezvous.store.records import Inputs, Shard
 from rendezvous.store.write import StageWriter
 
+from tests.floorplan.plans import RADIUS_M
 from tests.synthetic import synthetic_pose, synthetic_row, synthetic_view
 
 
@@ -84,7 +85,7 @@ def test_a_random_choice_is_that_of_its_seed(sightings, tmp_path):
 def test_plans_come_with_their_furniture(tmp_path):
     columns = {"furniture", *PLAN_COLUMNS}
     drawn = TableSchema(name="meshes", columns=tuple(c for c in MESHES.columns if c.name in columns))
-    plans = shipped_floorplans(2, seed=0)
+    plans = shipped_floorplans(2, seed=0, robot_radius_m=RADIUS_M)
     table = {
         "shape": "box", "x_m": 1.0, "y_m": 1.0, "yaw_rad": 0.0, "half_x_m": 0.5, "half_y_m": 0.5,
         "z0_m": 0.0, "z1_m": 0.7, "category": "table", "item": 0,
@@ -194,7 +195,7 @@ def test_one_file_cannot_take_two_sheets(dataset, tmp_path):
 
 def test_plans_have_no_other_table(tmp_path):
     columns = tuple(c for c in MESHES.columns if c.name in PLAN_COLUMNS)
-    rows = [plan_row(plan) for plan in shipped_floorplans(1, seed=0)]
+    rows = [plan_row(plan) for plan in shipped_floorplans(1, seed=0, robot_radius_m=RADIUS_M)]
     folder = _written(
         tmp_path / "plans", "floorplans", TableSchema(name="floorplans", columns=columns).table(rows)
     )

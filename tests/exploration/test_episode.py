@@ -23,8 +23,10 @@ from rendezvous.geometry.se2 import SE2, wrap_angle
 from rendezvous.seeds import stream
 from rendezvous.simulation.lidar import beam_bearings
 from rendezvous.simulation.rays import cast_rays
+from rendezvous.simulation.robot import RobotSpec
 from rendezvous.simulation.world import Drive
 
+from tests.floorplan.plans import RADIUS_M
 from tests.simulation.scenes import burger
 
 SHORT = EpisodeParameters(max_time_s=150.0, first_event_s=(10.0, 20.0))
@@ -32,12 +34,14 @@ SHORT = EpisodeParameters(max_time_s=150.0, first_event_s=(10.0, 20.0))
 
 @pytest.fixture(scope="module")
 def plan() -> Floorplan:
-    return generate_floorplan(stream(0, "test", 1), plan_id="flat", parameters=GeneratorParameters())
+    return generate_floorplan(
+        stream(0, "test", 1), plan_id="flat", parameters=GeneratorParameters(), robot_radius_m=RADIUS_M
+    )
 
 
 @pytest.fixture(scope="module")
 def furniture(plan: Floorplan) -> tuple[Solid, ...]:
-    return furnish(plan, stream(0, "furniture"), density=1.0)
+    return furnish(plan, stream(0, "furniture"), density=1.0, robot_radius_m=RADIUS_M)
 
 
 @pytest.fixture(scope="module")
@@ -49,7 +53,7 @@ def surroundings(plan: Floorplan, furniture: tuple[Solid, ...]) -> Surroundings:
 def starts(plan: Floorplan, furniture: tuple[Solid, ...], surroundings: Surroundings) -> tuple[SE2, SE2]:
     return draw_starts(
         plan,
-        start_regions(plan),
+        start_regions(plan, robot_radius_m=RADIUS_M),
         furniture,
         surroundings.lidar_scene,
         clearance_m=0.22,
@@ -64,8 +68,14 @@ def met(surroundings: Surroundings, starts: tuple[SE2, SE2]) -> Episode:
     return run(surroundings, starts, SHORT)
 
 
-def run(surroundings: Surroundings, starts: tuple[SE2, SE2], parameters: EpisodeParameters) -> Episode:
-    return run_episode(surroundings, (burger(), burger()), starts, parameters, rng=stream(0, "episode"))
+def run(
+    surroundings: Surroundings,
+    starts: tuple[SE2, SE2],
+    parameters: EpisodeParameters,
+    robot: RobotSpec | None = None,
+) -> Episode:
+    robot = robot or burger()
+    return run_episode(surroundings, (robot, robot), starts, parameters, rng=stream(0, "episode"))
 
 
 def test_starts_are_apart_out_of_sight_and_clear_of_everything(
@@ -74,7 +84,7 @@ def test_starts_are_apart_out_of_sight_and_clear_of_everything(
     for k in range(20):
         a, b = draw_starts(
             plan,
-            start_regions(plan),
+            start_regions(plan, robot_radius_m=RADIUS_M),
             furniture,
             surroundings.lidar_scene,
             clearance_m=0.22,
@@ -247,10 +257,12 @@ def test_without_noise_slam_is_good_to_three_centimetres(
 ) -> None:
     quiet = replace(
         SHORT,
-        lidar_noise=replace(SHORT.lidar_noise, sigma_m=0.0, sigma_ratio=0.0, dropout=0.0),
         odometry_noise=replace(SHORT.odometry_noise, scale_sigma=0.0, jitter_rad=0.0),
     )
-    for i, snapshot in enumerate(run(surroundings, starts, quiet).last):
+    lidar = burger().lidar
+    ideal = replace(lidar.noise, sigma_m=0.0, sigma_ratio=0.0, dropout=0.0)
+    robot = replace(burger(), lidar=replace(lidar, noise=ideal))
+    for i, snapshot in enumerate(run(surroundings, starts, quiet, robot).last):
         true_m_r = starts[i].inverse() @ snapshot.T_w_r
         assert math.dist(true_m_r.as_array()[:2], snapshot.T_m_r.as_array()[:2]) < 0.03
         assert abs(wrap_angle(true_m_r.yaw_rad - snapshot.T_m_r.yaw_rad)) < math.radians(0.3)

@@ -7,7 +7,10 @@ from functools import cache
 import numpy as np
 from rendezvous.floorplan.generate import generate_floorplan
 from rendezvous.floorplan.records import Floorplan
+from rendezvous.robot_file import load_robot
 from rendezvous.seeds import stream
+
+RADIUS_M = load_robot("burger").radius_m
 
 TWO_ROOMS = [
     [0.0, 0.0], [3.95, 0.0], [3.95, 1.5], [4.05, 1.5], [4.05, 0.0], [8.0, 0.0],
@@ -30,4 +33,4 @@ def plan_of(
 @cache
 def generated(index: int) -> Floorplan:
     """The same plan for the same index, in every test."""
-    return generate_floorplan(stream(0, "tests", index), plan_id=f"gen-{index}")
+    return generate_floorplan(stream(0, "tests", index), plan_id=f"gen-{index}", robot_radius_m=RADIUS_M)

@@ -10,15 +10,14 @@ from rendezvous.errors import FloorplanError
 from rendezvous.floorplan.furnish import furnish
 from rendezvous.floorplan.houseexpo import parse_floorplan
 from rendezvous.floorplan.records import Floorplan, Shape, Solid
-from rendezvous.floorplan.site import Site
+from rendezvous.floorplan.site import CELL_M, Site
 from rendezvous.floorplan.validate import reachable_space, start_regions, validated
 from rendezvous.seeds import stream
 
-from tests.floorplan.plans import TWO_ROOMS, generated, plan_of
+from tests.floorplan.plans import RADIUS_M, TWO_ROOMS, generated, plan_of
 
 LIDAR_M = 0.182
 ROBOT_HEIGHT_M = 0.192
-RADIUS_M = 0.105
 
 
 def footprint(solid: Solid) -> shapely.Polygon:
@@ -35,7 +34,7 @@ def check_connected(plan: Floorplan, solids: tuple[Solid, ...], radius_m: float)
     largest = max(pieces, key=shapely.area)
     pockets_m2 = sum(piece.area for piece in pieces) - largest.area
     assert pockets_m2 < 0.1 * largest.area
-    for region in start_regions(plan):
+    for region in start_regions(plan, robot_radius_m=RADIUS_M):
         assert region.intersection(largest).area > 0.3 * region.area
 
 
@@ -43,22 +42,28 @@ def check_connected(plan: Floorplan, solids: tuple[Solid, ...], radius_m: float)
 @pytest.mark.parametrize("index", range(20))
 def test_a_robot_still_gets_everywhere(index: int, density: float):
     plan = generated(index)
-    solids = furnish(plan, stream(0, "furnish", index), density=density)
+    solids = furnish(plan, stream(0, "furnish", index), density=density, robot_radius_m=RADIUS_M)
     check_connected(plan, solids, RADIUS_M)
     check_connected(plan, solids, RADIUS_M + 0.04)
 
 
 def test_a_robot_still_gets_everywhere_in_genuine_plans(real_data: Path):
     for file in sorted((real_data / "houseexpo").glob("*.json")):
-        plan = validated(parse_floorplan(json.loads(file.read_text()), source=file.name))
+        plan = validated(
+            parse_floorplan(json.loads(file.read_text()), source=file.name), robot_radius_m=RADIUS_M
+        )
         for episode in range(10):
-            check_connected(plan, furnish(plan, stream(0, file.name, episode), density=1.5), RADIUS_M)
+            check_connected(
+                plan,
+                furnish(plan, stream(0, file.name, episode), density=1.5, robot_radius_m=RADIUS_M),
+                RADIUS_M,
+            )
 
 
 @pytest.mark.parametrize("index", range(12))
 def test_furniture_is_inside_seen_by_the_lidar_or_above_the_robot(index: int):
     plan = generated(index)
-    solids = furnish(plan, stream(0, "furnish", index), density=1.5)
+    solids = furnish(plan, stream(0, "furnish", index), density=1.5, robot_radius_m=RADIUS_M)
     assert solids
     free = plan.free_space().buffer(1e-6)
     for solid in solids:
@@ -71,7 +76,7 @@ def test_furniture_is_inside_seen_by_the_lidar_or_above_the_robot(index: int):
 
 @pytest.mark.parametrize("index", range(12))
 def test_pieces_do_not_stand_in_each_other(index: int):
-    solids = furnish(generated(index), stream(0, "furnish", index), density=1.5)
+    solids = furnish(generated(index), stream(0, "furnish", index), density=1.5, robot_radius_m=RADIUS_M)
     items = [
         shapely.union_all([footprint(s) for s in solids if s.item == item])
         for item in range(1 + max(s.item for s in solids))
@@ -86,7 +91,7 @@ def test_doorways_stay_clear():
     doorway = shapely.box(4.0 - 0.6, 1.5, 4.0 + 0.6, 2.4)
     placed = 0
     for episode in range(60):
-        solids = furnish(plan, stream(0, "door", episode), density=2.5)
+        solids = furnish(plan, stream(0, "door", episode), density=2.5, robot_radius_m=RADIUS_M)
         placed += len(solids)
         assert not any(footprint(s).intersects(doorway) for s in solids if s.z0_m < 0.4)
     assert placed > 500
@@ -95,11 +100,16 @@ def test_doorways_stay_clear():
 def test_density_sets_how_full_it_is():
     plan = generated(0)
     share = [
-        np.mean([_floor_share(plan, furnish(plan, stream(0, e), density=density)) for e in range(8)])
+        np.mean(
+            [
+                _floor_share(plan, furnish(plan, stream(0, e), density=density, robot_radius_m=RADIUS_M))
+                for e in range(8)
+            ]
+        )
         for density in (0.3, 1.0, 2.0)
     ]
     assert 0.01 < share[0] < share[1] < share[2] < 0.5
-    assert furnish(plan, stream(0), density=0.0) == ()
+    assert furnish(plan, stream(0), density=0.0, robot_radius_m=RADIUS_M) == ()
 
 
 def _floor_share(plan: Floorplan, solids: tuple[Solid, ...]) -> float:
@@ -110,17 +120,31 @@ def test_density_out_of_range_is_told():
     with pytest.raises(
         FloorplanError, match=r"furniture density -1; must be from 0 \(none\) to 3 \(packed\)"
     ):
-        furnish(generated(0), stream(0), density=-1)
+        furnish(generated(0), stream(0), density=-1, robot_radius_m=RADIUS_M)
 
 
 def test_furniture_is_a_function_of_its_stream():
     plan = generated(1)
-    assert furnish(plan, stream(3), density=1.0) == furnish(plan, stream(3), density=1.0)
-    assert furnish(plan, stream(3), density=1.0) != furnish(plan, stream(4), density=1.0)
+    assert furnish(plan, stream(3), density=1.0, robot_radius_m=RADIUS_M) == furnish(
+        plan, stream(3), density=1.0, robot_radius_m=RADIUS_M
+    )
+    assert furnish(plan, stream(3), density=1.0, robot_radius_m=RADIUS_M) != furnish(
+        plan, stream(4), density=1.0, robot_radius_m=RADIUS_M
+    )
+
+
+def test_a_wider_robot_has_less_room_between_the_walls():
+    walls = shapely.Polygon(TWO_ROOMS).boundary
+    for radius_m in (0.105, 0.25):
+        site = Site(plan_of(TWO_ROOMS), robot_radius_m=radius_m)
+        row, col = np.nonzero(site.reachable)
+        centres_m = site.origin_m + CELL_M * (np.stack([col, row], axis=1) + 0.5)
+        nearest_m = shapely.distance(shapely.points(centres_m), walls).min()
+        assert radius_m + 0.03 < nearest_m < radius_m + 0.12
 
 
 def test_items_are_numbered_without_gaps():
-    items = [solid.item for solid in furnish(generated(2), stream(0), density=1.0)]
+    items = [solid.item for solid in furnish(generated(2), stream(0), density=1.0, robot_radius_m=RADIUS_M)]
     assert items == sorted(items)
     assert set(items) == set(range(max(items) + 1))
 
@@ -129,7 +153,7 @@ def test_rooms_get_what_belongs_in_them():
     found: dict[str, set[str]] = {}
     for index in range(20):
         plan = generated(index)
-        for solid in furnish(plan, stream(0, "rooms", index), density=1.0):
+        for solid in furnish(plan, stream(0, "rooms", index), density=1.0, robot_radius_m=RADIUS_M):
             at = shapely.Point(solid.x_m, solid.y_m)
             inside = {room.category for room in plan.rooms if shapely.box(*room.box_m).contains(at)}
             if len(inside) == 1:
@@ -142,8 +166,8 @@ def test_rooms_get_what_belongs_in_them():
 @pytest.mark.parametrize("index", range(20))
 def test_every_start_region_is_a_room_of_its_own(index: int):
     plan = generated(index)
-    site = Site(plan)
-    regions = start_regions(plan)
+    site = Site(plan, robot_radius_m=RADIUS_M)
+    regions = start_regions(plan, robot_radius_m=RADIUS_M)
     assert site.room_count == len(regions)
     for room, region in enumerate(regions, start=1):
         point = region.representative_point()

@@ -13,6 +13,8 @@ from rendezvous.floorplan.records import Floorplan
 from rendezvous.floorplan.validate import reachable_space, start_regions, validated
 from rendezvous.seeds import stream
 
+from tests.floorplan.plans import RADIUS_M
+
 SHIPPED = Path(__file__).parents[2] / "floorplans"
 KINDS = {
     "apartment": GeneratorParameters(apartment=1.0, office=0.0, hall=0.0),
@@ -23,7 +25,9 @@ KINDS = {
 
 def plans_of(kind: str, count: int) -> list[Floorplan]:
     return [
-        generate_floorplan(stream(1, kind, i), plan_id=f"{kind}-{i}", parameters=KINDS[kind])
+        generate_floorplan(
+            stream(1, kind, i), plan_id=f"{kind}-{i}", parameters=KINDS[kind], robot_radius_m=RADIUS_M
+        )
         for i in range(count)
     ]
 
@@ -32,7 +36,7 @@ def plans_of(kind: str, count: int) -> list[Floorplan]:
 def test_generated_plans_are_valid_and_all_rooms_are_reached(kind: str):
     plans = plans_of(kind, 70)
     for plan in plans:
-        assert validated(plan).digest() == plan.digest()
+        assert validated(plan, robot_radius_m=RADIUS_M).digest() == plan.digest()
         assert 3 <= len(plan.rooms) <= 20
         reached = reachable_space(plan, robot_radius_m=0.135).buffer(0.15)
         for room in plan.rooms:
@@ -49,7 +53,7 @@ def test_kinds_differ_as_their_names_say():
 
 
 def test_the_collection_is_varied():
-    plans = [generate_floorplan(stream(2, i), plan_id=f"p{i}") for i in range(120)]
+    plans = [generate_floorplan(stream(2, i), plan_id=f"p{i}", robot_radius_m=RADIUS_M) for i in range(120)]
     rooms = [len(plan.rooms) for plan in plans]
     sides_m = np.array([np.ptp(plan.outline_m, axis=0) for plan in plans]).max(axis=1)
     assert min(rooms) <= 5
@@ -60,7 +64,7 @@ def test_the_collection_is_varied():
     assert 0.15 < np.mean(slanted) < 0.55
     # Doors in a circle: the free space goes around some wall that stands free.
     assert np.mean([len(plan.holes_m) > 0 for plan in plans]) > 0.3
-    assert all(len(start_regions(plan)) >= 2 for plan in plans)
+    assert all(len(start_regions(plan, robot_radius_m=RADIUS_M)) >= 2 for plan in plans)
 
 
 def _slanted_m(plan: Floorplan) -> float:
@@ -71,8 +75,8 @@ def _slanted_m(plan: Floorplan) -> float:
 
 
 def test_a_plan_is_a_function_of_its_stream():
-    a, b = (generate_floorplan(stream(5, "x"), plan_id="p") for _ in range(2))
-    other = generate_floorplan(stream(6, "x"), plan_id="p")
+    a, b = (generate_floorplan(stream(5, "x"), plan_id="p", robot_radius_m=RADIUS_M) for _ in range(2))
+    other = generate_floorplan(stream(6, "x"), plan_id="p", robot_radius_m=RADIUS_M)
     assert a.digest() == b.digest()
     assert a.rooms == b.rooms
     assert a.digest() != other.digest()
@@ -83,11 +87,13 @@ def test_walls_and_doors_keep_to_their_ranges():
         apartment=1.0, office=0.0, hall=0.0, wall_thickness_m=(0.2, 0.2), door_width_m=(1.0, 1.0),
         slanted_share=0.0, niche_share=0.0, loop_share=0.0,
     )  # fmt: skip
-    plan = generate_floorplan(stream(0, "ranges"), plan_id="p", parameters=parameters)
+    plan = generate_floorplan(
+        stream(0, "ranges"), plan_id="p", parameters=parameters, robot_radius_m=RADIUS_M
+    )
     free = plan.free_space()
     # A disc just wider than the doors reaches one room only, one just narrower reaches all.
     assert len(shapely.get_parts(free.buffer(-0.49))) < len(plan.rooms)
-    assert len(start_regions(plan)) == len(plan.rooms)
+    assert len(start_regions(plan, robot_radius_m=RADIUS_M)) == len(plan.rooms)
     # The wall that two rooms share is 0.2 m thick: closing a gap of 0.22 m unites what lies apart by walls.
     assert free.buffer(0.09).buffer(-0.09).area == pytest.approx(free.area, rel=0.01)
     assert free.buffer(0.11).buffer(-0.11).area > 1.02 * free.area
@@ -111,11 +117,11 @@ def test_impossible_parameters_are_told(change: dict[str, float], message: str):
 def test_parameters_that_contradict_each_other_are_told():
     parameters = GeneratorParameters(apartment=0.0, office=0.0, hall=1.0, rooms=(20, 20))
     with pytest.raises(FloorplanError, match=r"p: no valid plan in 50 attempts, the last one: \d+ rooms"):
-        generate_floorplan(stream(0), plan_id="p", parameters=parameters)
+        generate_floorplan(stream(0), plan_id="p", parameters=parameters, robot_radius_m=RADIUS_M)
 
 
 def test_shipped_plans_are_what_the_generator_gives():
-    plans = shipped_floorplans(24)
+    plans = shipped_floorplans(24, robot_radius_m=RADIUS_M)
     assert sorted(p.name for p in SHIPPED.glob("*.json")) == [f"{plan.plan_id}.json" for plan in plans]
     for plan in plans:
         assert (SHIPPED / f"{plan.plan_id}.json").read_text() == houseexpo_json(plan)
@@ -124,4 +130,4 @@ def test_shipped_plans_are_what_the_generator_gives():
 def test_shipped_plans_are_valid_as_they_are():
     for file in sorted(SHIPPED.glob("*.json")):
         plan = parse_floorplan(json.loads(file.read_text()), source=file.name)
-        assert validated(plan).digest() == plan.digest()
+        assert validated(plan, robot_radius_m=RADIUS_M).digest() == plan.digest()

@@ -14,7 +14,7 @@ from rendezvous.floorplan.houseexpo import houseexpo_json, parse_floorplan, to_h
 from rendezvous.floorplan.records import Floorplan, Room
 from rendezvous.floorplan.validate import validated
 
-from tests.floorplan.plans import TWO_ROOMS, generated
+from tests.floorplan.plans import RADIUS_M, TWO_ROOMS, generated
 
 SQUARE = [[0, 0], [4, 0], [4, 4], [0, 4]]
 
@@ -99,7 +99,7 @@ VERTICES = st.lists(st.tuples(st.floats(), st.floats()).map(list), max_size=8)
 )
 def test_any_json_gives_a_plan_or_one_line(data: dict[str, Any]):
     try:
-        validated(parse_floorplan(data, source="f.json"))
+        validated(parse_floorplan(data, source="f.json"), robot_radius_m=RADIUS_M)
     except FloorplanError as error:
         message = str(error)
     else:
@@ -111,7 +111,7 @@ def test_any_json_gives_a_plan_or_one_line(data: dict[str, Any]):
 def test_a_validated_plan_survives_its_file(index: int):
     plan = generated(index)
     read = parse_floorplan(json.loads(houseexpo_json(plan)), source="f.json")
-    assert read.digest() == plan.digest() == validated(read).digest()
+    assert read.digest() == plan.digest() == validated(read, robot_radius_m=RADIUS_M).digest()
     assert sorted(map(repr, read.rooms)) == sorted(map(repr, plan.rooms))
 
 

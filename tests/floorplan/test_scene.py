@@ -20,16 +20,17 @@ from rendezvous.floorplan.validate import validated
 from rendezvous.floorplan.walls import wall_polygon
 from rendezvous.seeds import stream
 
-from tests.floorplan.plans import TWO_ROOMS, generated, plan_of
+from tests.floorplan.plans import RADIUS_M, TWO_ROOMS, generated, plan_of
 
 HASH_OF_A_SCENE = """
 import hashlib
 from rendezvous.floorplan.furnish import furnish
 from rendezvous.floorplan.scene import floorplan_scene, glb
 from rendezvous.seeds import stream
-from tests.floorplan.plans import generated
+from tests.floorplan.plans import RADIUS_M, generated
 plan = generated(1)
-scene = floorplan_scene(plan, furnish(plan, stream(0, "scene"), density=1.0), height_m=2.5)
+solids = furnish(plan, stream(0, "scene"), density=1.0, robot_radius_m=RADIUS_M)
+scene = floorplan_scene(plan, solids, height_m=2.5)
 print(hashlib.sha256(glb(scene)).hexdigest())
 """
 
@@ -45,7 +46,7 @@ def check_closed(plan: Floorplan, scene: trimesh.Scene, height_m: float) -> None
 @pytest.mark.parametrize("index", range(25))
 def test_meshes_are_watertight_and_hold_their_volume(index: int):
     plan = generated(index)
-    solids = furnish(plan, stream(0, "scene", index), density=1.0)
+    solids = furnish(plan, stream(0, "scene", index), density=1.0, robot_radius_m=RADIUS_M)
     scene = floorplan_scene(plan, solids, height_m=2.5)
     check_closed(plan, scene, 2.5)
     assert len(scene.geometry) == 2 + len({solid.item for solid in solids})
@@ -53,7 +54,9 @@ def test_meshes_are_watertight_and_hold_their_volume(index: int):
 
 def test_meshes_of_genuine_plans_are_watertight(real_data: Path):
     for file in sorted((real_data / "houseexpo").glob("*.json")):
-        plan = validated(parse_floorplan(json.loads(file.read_text()), source=file.name))
+        plan = validated(
+            parse_floorplan(json.loads(file.read_text()), source=file.name), robot_radius_m=RADIUS_M
+        )
         check_closed(plan, floorplan_scene(plan, (), height_m=2.0), 2.0)
 
 
@@ -94,7 +97,9 @@ def test_glb_has_y_up():
 
 def test_glb_has_the_same_bytes_in_every_process():
     plan = generated(1)
-    scene = floorplan_scene(plan, furnish(plan, stream(0, "scene"), density=1.0), height_m=2.5)
+    scene = floorplan_scene(
+        plan, furnish(plan, stream(0, "scene"), density=1.0, robot_radius_m=RADIUS_M), height_m=2.5
+    )
     here = hashlib.sha256(glb(scene)).hexdigest()
     for hash_seed in ("1", "2"):
         there = subprocess.run(

@@ -13,7 +13,7 @@ from rendezvous.floorplan.houseexpo import parse_floorplan
 from rendezvous.floorplan.records import Floorplan
 from rendezvous.floorplan.validate import FloorplanLimits, reachable_space, start_regions, validated
 
-from tests.floorplan.plans import TWO_ROOMS, generated, plan_of
+from tests.floorplan.plans import RADIUS_M, TWO_ROOMS, generated, plan_of
 
 AREA_M2 = 8.0 * 4.0 - 0.1 * (4.0 - 0.9)
 
@@ -26,27 +26,27 @@ def doorway(width_m: float) -> Floorplan:
 
 
 def test_a_sound_plan_keeps_its_geometry():
-    plan = validated(plan_of(TWO_ROOMS))
+    plan = validated(plan_of(TWO_ROOMS), robot_radius_m=RADIUS_M)
     assert plan.free_space().equals(shapely.Polygon(TWO_ROOMS))
 
 
 @pytest.mark.parametrize("index", range(12))
 def test_validating_twice_is_validating_once(index: int):
     plan = generated(index)
-    assert validated(plan).digest() == plan.digest()
+    assert validated(plan, robot_radius_m=RADIUS_M).digest() == plan.digest()
 
 
 @settings(max_examples=50, deadline=None)
 @given(first=st.integers(0, 11), clockwise=st.booleans())
 def test_where_a_ring_starts_and_which_way_it_runs_do_not_matter(first: int, clockwise: bool):
     ring = TWO_ROOMS[first:] + TWO_ROOMS[:first]
-    plan = validated(plan_of(ring[::-1] if clockwise else ring))
-    assert plan.digest() == validated(plan_of(TWO_ROOMS)).digest()
+    plan = validated(plan_of(ring[::-1] if clockwise else ring), robot_radius_m=RADIUS_M)
+    assert plan.digest() == validated(plan_of(TWO_ROOMS), robot_radius_m=RADIUS_M).digest()
 
 
 def test_outline_runs_counter_clockwise_and_holes_clockwise():
     pillar = [[1.0, 1.0], [1.4, 1.0], [1.4, 1.4], [1.0, 1.4]]
-    plan = validated(plan_of(TWO_ROOMS[::-1], holes=(pillar,)))
+    plan = validated(plan_of(TWO_ROOMS[::-1], holes=(pillar,)), robot_radius_m=RADIUS_M)
     assert shapely.LinearRing(plan.outline_m).is_ccw
     assert not shapely.LinearRing(plan.holes_m[0]).is_ccw
     assert plan.free_space().area == pytest.approx(AREA_M2 - 0.16)
@@ -54,11 +54,11 @@ def test_outline_runs_counter_clockwise_and_holes_clockwise():
 
 def test_duplicate_and_collinear_vertices_fall_away():
     ring = [[0.0, 0.0], [0.0, 0.0], [1.0, 0.0], [2.0, 0.004], *TWO_ROOMS[1:]]
-    assert len(validated(plan_of(ring)).outline_m) == 12
+    assert len(validated(plan_of(ring), robot_radius_m=RADIUS_M).outline_m) == 12
 
 
 def test_a_plan_may_lie_kilometres_from_the_origin():
-    plan = validated(plan_of([[x + 9_900.0, y - 9_900.0] for x, y in TWO_ROOMS]))
+    plan = validated(plan_of([[x + 9_900.0, y - 9_900.0] for x, y in TWO_ROOMS]), robot_radius_m=RADIUS_M)
     assert plan.free_space().area == pytest.approx(AREA_M2)
 
 
@@ -66,21 +66,21 @@ def test_a_small_crossing_is_repaired():
     # Two vertices 4 cm apart in the south-east corner have changed places.
     ring = [*TWO_ROOMS[:5], [8.0, 0.03], [7.97, 0.0], *TWO_ROOMS[6:]]
     assert not shapely.Polygon(ring).is_valid
-    plan = validated(plan_of(ring))
+    plan = validated(plan_of(ring), robot_radius_m=RADIUS_M)
     assert plan.free_space().is_valid
     assert plan.free_space().area == pytest.approx(AREA_M2, abs=0.2)
 
 
 def test_a_wall_of_no_thickness_becomes_none():
     ring = [[0, 0], [2, 0], [2, 1.5], [2, 0], *TWO_ROOMS[1:]]
-    plan = validated(plan_of(ring))
+    plan = validated(plan_of(ring), robot_radius_m=RADIUS_M)
     assert plan.free_space().symmetric_difference(shapely.Polygon(TWO_ROOMS)).area < 1e-3
 
 
 def test_walls_that_touch_in_a_point_are_joined():
     # A pillar whose corner touches the south wall.
     pillar = [[2.0, 0.0], [2.2, 0.2], [2.0, 0.4], [1.8, 0.2]]
-    plan = validated(plan_of(TWO_ROOMS, holes=(pillar,)))
+    plan = validated(plan_of(TWO_ROOMS, holes=(pillar,)), robot_radius_m=RADIUS_M)
     assert plan.holes_m == ()
     assert plan.free_space().is_valid
     assert plan.free_space().area == pytest.approx(AREA_M2 - 0.08, abs=0.005)
@@ -125,19 +125,19 @@ def test_walls_that_touch_in_a_point_are_joined():
 )  # fmt: skip
 def test_unusable_plans_are_told_with_reason_and_place(plan: Floorplan, message: str):
     with pytest.raises(FloorplanError, match=message) as error:
-        validated(plan)
+        validated(plan, robot_radius_m=RADIUS_M)
     assert len(str(error.value).splitlines()) == 1
 
 
 def test_limits_can_be_set():
     with pytest.raises(FloorplanError, match="must be 3 to 7 m"):
-        validated(plan_of(TWO_ROOMS), limits=FloorplanLimits(max_side_m=7.0))
+        validated(plan_of(TWO_ROOMS), limits=FloorplanLimits(max_side_m=7.0), robot_radius_m=RADIUS_M)
     with pytest.raises(FloorplanError, match=r"limits: min_side_m 5.0, max_side_m 4.0; must be positive"):
         FloorplanLimits(min_side_m=5.0, max_side_m=4.0)
 
 
 def test_reachable_space_keeps_the_radius():
-    reachable = reachable_space(validated(plan_of(TWO_ROOMS)), robot_radius_m=0.2)
+    reachable = reachable_space(validated(plan_of(TWO_ROOMS), robot_radius_m=RADIUS_M), robot_radius_m=0.2)
     assert shapely.Polygon(TWO_ROOMS).boundary.distance(reachable) == pytest.approx(0.2, abs=0.01)
     # Two rooms of 3.55 m x 3.6 m, and the doorway between them.
     assert reachable.area == pytest.approx(2 * 3.55 * 3.6 + 0.5 * 0.5, abs=0.05)
@@ -145,15 +145,25 @@ def test_reachable_space_keeps_the_radius():
 
 @pytest.mark.parametrize("width_m", [0.7, 0.9, 1.1, 1.5])
 def test_rooms_on_both_sides_of_a_doorway_are_start_regions(width_m: float):
-    regions = start_regions(validated(doorway(width_m)))
+    regions = start_regions(validated(doorway(width_m), robot_radius_m=RADIUS_M), robot_radius_m=RADIUS_M)
     assert len(regions) == 2
     assert sorted(bool(r.centroid.x < 4.0) for r in regions) == [False, True]
+
+
+def test_a_wider_robot_starts_farther_from_the_walls_and_needs_wider_doors():
+    plan = validated(plan_of(TWO_ROOMS), robot_radius_m=0.25)
+    regions = start_regions(plan, robot_radius_m=0.25)
+    assert [region.distance(plan.free_space().boundary) for region in regions] == pytest.approx(
+        [0.25 + 0.145] * 2, abs=0.04
+    )
+    with pytest.raises(FloorplanError, match=r"a robot of radius 0\.480 m reaches 50 % of the free space"):
+        validated(plan, robot_radius_m=0.45)
 
 
 @pytest.mark.parametrize("index", range(12))
 def test_start_regions_are_disjoint_reachable_and_clear_of_walls(index: int):
     plan = generated(index)
-    regions = start_regions(plan)
+    regions = start_regions(plan, robot_radius_m=RADIUS_M)
     walls = plan.free_space().boundary
     reachable = reachable_space(plan, robot_radius_m=0.135)
     assert len(regions) >= 2
@@ -166,14 +176,14 @@ def test_start_regions_are_disjoint_reachable_and_clear_of_walls(index: int):
 def test_genuine_plans_pass(real_data: Path):
     for file in sorted((real_data / "houseexpo").glob("*.json")):
         read = parse_floorplan(json.loads(file.read_text()), source=file.name)
-        plan = validated(read)
-        assert len(start_regions(plan)) >= 4
+        plan = validated(read, robot_radius_m=RADIUS_M)
+        assert len(start_regions(plan, robot_radius_m=RADIUS_M)) >= 4
         # Nothing moves by more than the pixels that the outline was traced on.
         moved = shapely.hausdorff_distance(
             shapely.LinearRing(read.outline_m), shapely.LinearRing(plan.outline_m), densify=0.05
         )
         assert moved < 0.02
-        assert validated(plan).digest() == plan.digest()
+        assert validated(plan, robot_radius_m=RADIUS_M).digest() == plan.digest()
 
 
 @settings(max_examples=60, deadline=None)
@@ -182,6 +192,6 @@ def test_jittered_corners_do_not_matter(index: int, seed: int, jitter_m: float):
     plan = generated(index)
     noise = np.random.default_rng(seed).uniform(-jitter_m, jitter_m, size=plan.outline_m.shape)
     jittered = Floorplan(plan_id="p", outline_m=plan.outline_m + noise, holes_m=plan.holes_m)
-    repaired = validated(jittered)
+    repaired = validated(jittered, robot_radius_m=RADIUS_M)
     assert repaired.free_space().is_valid
     assert repaired.free_space().area == pytest.approx(plan.free_space().area, rel=0.02)

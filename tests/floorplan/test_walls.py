@@ -13,7 +13,7 @@ from rendezvous.floorplan.validate import validated
 from rendezvous.floorplan.walls import lidar_outline, sight_obstacles, wall_boxes, wall_polygon
 from rendezvous.seeds import stream
 
-from tests.floorplan.plans import TWO_ROOMS, generated, plan_of
+from tests.floorplan.plans import RADIUS_M, TWO_ROOMS, generated, plan_of
 
 HEIGHT_M = 1.0
 
@@ -63,7 +63,9 @@ def test_boxes_stay_in_the_wall_and_leave_no_gap(index: int):
 
 def test_boxes_of_genuine_plans_stay_in_the_wall_and_leave_no_gap(real_data: Path):
     for file in sorted((real_data / "houseexpo").glob("*.json")):
-        plan = validated(parse_floorplan(json.loads(file.read_text()), source=file.name))
+        plan = validated(
+            parse_floorplan(json.loads(file.read_text()), source=file.name), robot_radius_m=RADIUS_M
+        )
         assert union_of_boxes(plan).intersection(plan.free_space()).area < 1e-9
         assert uncovered_m(plan) <= 0.021
 
@@ -140,7 +142,7 @@ def test_no_furniture_gives_empty_arrays_of_the_right_shape():
 
 def test_a_scan_at_table_height_sees_the_top_instead_of_the_legs():
     plan = generated(0)
-    solids = furnish(plan, stream(0, "walls"), density=1.0)
+    solids = furnish(plan, stream(0, "walls"), density=1.0, robot_radius_m=RADIUS_M)
     tops = [s for s in solids if s.z0_m >= 0.4 and s.z0_m <= 0.73 <= s.z1_m and s.shape is Shape.BOX]
     segments, _ = lidar_outline(plan, tops, height_m=0.73)
     assert tops

@@ -13,7 +13,7 @@ from rendezvous.rendering.plan_scene import plan_instances, plan_meshes, solid_i
 from rendezvous.rendering.scene import Material, Scene
 from rendezvous.seeds import stream
 
-from tests.floorplan.plans import TWO_ROOMS, generated, plan_of
+from tests.floorplan.plans import RADIUS_M, TWO_ROOMS, generated, plan_of
 from tests.rendering.scenes import CAMERA, GREY, WHITE, facing_x, looking_down, scene_of, sun
 
 HEIGHT_M = 2.5
@@ -48,7 +48,7 @@ def test_vertex_normals_are_those_of_the_faces_they_belong_to(mesh: tuple[trimes
 
 def test_a_furnished_plan_has_each_wall_and_each_solid_once():
     plan = generated(3)
-    furniture = furnish(plan, stream(0, "rendering"), density=1.0)
+    furniture = furnish(plan, stream(0, "rendering"), density=1.0, robot_radius_m=RADIUS_M)
     instances = plan_instances(plan, furniture, wall_height_m=HEIGHT_M, material_of=material_of)
     assert len({instance.name for instance in instances}) == len(instances)
     assert len(instances) == 2 + len(wall_boxes(plan, height_m=HEIGHT_M)) + len(furniture)

@@ -43,7 +43,7 @@ TEXTURES = {texture_key(kind, i) for kind in KINDS for i in range(VARIANTS)}
 @cache
 def _place(index=0):
     plan = generated(index)
-    furniture = furnish(plan, np.random.default_rng(index), density=1.0)
+    furniture = furnish(plan, np.random.default_rng(index), density=1.0, robot_radius_m=BURGER.radius_m)
     return furnished_plan(plan, furniture, wall_height_m=2.5)
 
 

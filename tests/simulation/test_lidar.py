@@ -1,4 +1,5 @@
 import math
+from dataclasses import replace
 
 import mujoco
 import numpy as np
@@ -6,8 +7,9 @@ from pytest import approx
 from rendezvous.floorplan.records import Floorplan, Shape
 from rendezvous.floorplan.walls import lidar_outline
 from rendezvous.geometry.se2 import SE2, Array
-from rendezvous.simulation.lidar import LidarNoise, beam_bearings, noisy_ranges
+from rendezvous.simulation.lidar import beam_bearings, noisy_ranges
 from rendezvous.simulation.rays import cast_rays, ray_scene
+from rendezvous.simulation.robot import LidarSpec
 from rendezvous.simulation.world import scene_mjcf
 
 from tests.simulation.scenes import burger, pole, room_segments, wall
@@ -117,13 +119,17 @@ def test_the_other_robot_is_a_moving_circle() -> None:
     assert moved_m[359] == approx(ranges_m[359] + 0.5, abs=1e-2)
 
 
+def lidar(**noise: float) -> LidarSpec:
+    """The Burger's lidar with other noise."""
+    spec = burger().lidar
+    return replace(spec, noise=replace(spec.noise, **noise))
+
+
 def test_noise_has_the_data_sheets_sigma_and_loses_the_stated_share() -> None:
-    spec, noise = burger().lidar, LidarNoise(dropout=0.05)
+    spec = lidar(dropout=0.05)
     rng = np.random.default_rng(0)
     for range_m in (0.3, 2.0):
-        drawn = np.concatenate(
-            [noisy_ranges(np.full(360, range_m), spec, noise, rng=rng) for _ in range(100)]
-        )
+        drawn = np.concatenate([noisy_ranges(np.full(360, range_m), spec, rng=rng) for _ in range(100)])
         heard = np.isfinite(drawn)
         assert heard.mean() == approx(0.95, abs=0.01)
         assert drawn[heard].mean() == approx(range_m, abs=5e-4)
@@ -132,13 +138,13 @@ def test_noise_has_the_data_sheets_sigma_and_loses_the_stated_share() -> None:
 
 def test_a_beam_without_echo_stays_without() -> None:
     rng = np.random.default_rng(0)
-    drawn = noisy_ranges(np.full(360, np.inf), burger().lidar, LidarNoise(), rng=rng)
+    drawn = noisy_ranges(np.full(360, np.inf), burger().lidar, rng=rng)
     assert np.isinf(drawn).all()
 
 
 def test_readings_outside_the_sensors_range_are_not_reported() -> None:
-    spec, rng = burger().lidar, np.random.default_rng(0)
-    drawn = noisy_ranges(np.array([0.05, 0.2, 3.9] * 120), spec, LidarNoise(dropout=0.0), rng=rng)
+    spec, rng = lidar(dropout=0.0), np.random.default_rng(0)
+    drawn = noisy_ranges(np.array([0.05, 0.2, 3.9] * 120), spec, rng=rng)
     assert np.isfinite(drawn.reshape(-1, 3)).all(axis=0).tolist() == [False, True, False]
 
 

@@ -1,5 +1,6 @@
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -170,15 +171,21 @@ def test_a_map_smaller_than_the_world_keeps_what_it_can() -> None:
     assert not grid.occupied().any()
 
 
+def slam_with(*, no_echo_m: float) -> Slam:
+    """SLAM with the Burger's lidar."""
+    return Slam(
+        bearings_rad=BEARINGS,
+        lidar_x_m=LIDAR.x_m,
+        lidar_sigma=(LIDAR.noise.sigma_m, LIDAR.noise.sigma_ratio),
+        no_echo_m=no_echo_m,
+        parameters=SlamParameters(),
+    )
+
+
 def test_slam_walks_a_room_with_wheels_that_spin() -> None:
     """A circle through a room with 2 cm of range noise; for two sweeps the wheels turn in vain."""
     segments = np.concatenate([room_segments(4.0, 3.0), [[1.0, 0.0, 1.0, 0.8], [3.0, 3.0, 3.0, 2.1]]])
-    slam = Slam(
-        bearings_rad=BEARINGS,
-        lidar_x_m=LIDAR.x_m,
-        range_max_m=LIDAR.range_max_m,
-        parameters=SlamParameters(),
-    )
+    slam = slam_with(no_echo_m=LIDAR.clears_m())
     start = np.array([2.0, 0.8, 0.0])
     odometry = np.zeros(3)
     for k in range(100):
@@ -199,7 +206,7 @@ def test_slam_walks_a_room_with_wheels_that_spin() -> None:
 
 def test_a_short_sighted_lidar_clears_no_farther_than_it_sees() -> None:
     """Nothing within 1.5 m: the map is free up to there, and beyond it unknown."""
-    slam = Slam(bearings_rad=BEARINGS, lidar_x_m=LIDAR.x_m, range_max_m=1.5, parameters=SlamParameters())
+    slam = slam_with(no_echo_m=replace(LIDAR, range_max_m=1.5).clears_m())
     for _ in range(4):
         slam.update(Sweep(ranges_m=np.full(360, np.inf), odometry=np.zeros((5, 3))))
     known = slam.grid().cell_centres(slam.grid().known())

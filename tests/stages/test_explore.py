@@ -3,7 +3,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from rendezvous.errors import ConfigError, FloorplanError
+from rendezvous.errors import FloorplanError
 from rendezvous.robot_file import ROBOTS
 from rendezvous.schema import EXPLORE
 from rendezvous.stages.explore import explore
@@ -56,12 +56,6 @@ def test_when_no_episode_can_be_run_it_says_why(make_run: MakeRun) -> None:
     assert run.read("explore").manifest().counts()["episodes_left_out"] == 2
 
 
-def test_clearances_smaller_than_the_robot_are_refused(make_run: MakeRun) -> None:
-    run = prepared(make_run, "explore.episode.explorer.hard_clearance_m=0.1")
-    with pytest.raises(ConfigError, match=r"hard_clearance_m is 0\.1; must be at least the radius of robot"):
-        explore(run)
-
-
 @pytest.mark.slow
 def test_another_robot_explores_as_well(make_run: MakeRun, tmp_path: Path) -> None:
     """Half as large again, with a lidar of 720 beams at 10 Hz that sees 2.5 m."""
@@ -84,8 +78,6 @@ def test_another_robot_explores_as_well(make_run: MakeRun, tmp_path: Path) -> No
     run = prepared(
         make_run,
         f"explore.robot={tmp_path / 'cart.yaml'}",
-        "explore.episode.explorer.hard_clearance_m=0.17",
-        "explore.episode.explorer.clear_m=0.16",
         "explore.furniture_density=0.3",
         "explore.episode.max_time_s=150",
     )

@@ -21,6 +21,7 @@ from rendezvous.stages.floorplans import floorplans
 from rendezvous.store.read import StageReader
 
 from tests.conftest import MakeRun
+from tests.floorplan.plans import RADIUS_M
 from tests.toy_stage import folder_content
 
 # Two rooms of 4 m with a door of 0.9 m between them.
@@ -249,8 +250,8 @@ def test_generated_plans_are_usable_and_keyed_by_the_seed(make_run: MakeRun, tmp
         assert [row["plan_id"] for row in rows] == [f"gen-{index:06d}" for index in range(4)]
         assert {row["origin"] for row in rows} == {"generated"}
         for row in rows:
-            assert validated(plan_of(row)).digest() == row["plan_digest"]
-            assert len(start_regions(plan_of(row))) == row["start_regions"] >= 2
+            assert validated(plan_of(row), robot_radius_m=RADIUS_M).digest() == row["plan_digest"]
+            assert len(start_regions(plan_of(row), robot_radius_m=RADIUS_M)) == row["start_regions"] >= 2
         digests.append({row["plan_digest"] for row in rows})
     assert len(digests[0] | digests[1]) == 8
 

@@ -62,12 +62,14 @@ class FloorplansSection(StageSection):
         sources: HouseExpo JSON files, folders of them, or the dataset's `json.tar.gz`.
         generate: plans made here, after those of the sources.
         limits: what a usable plan keeps to.
+        robot: a shipped robot or a robot file; a usable plan lets it get around.
         plans_per_shard: candidates per shard.
     """
 
     sources: tuple[str, ...]
     generate: Generated
     limits: FloorplanLimits
+    robot: str
     plans_per_shard: PositiveInt
 
 
@@ -95,7 +97,8 @@ class ExploreSection(StageSection):
         episodes_per_plan: explorations of each plan, each with its own starts and furniture.
         robot: a name in `assets/robots`, or the path of a robot file.
         furniture_density: 0 none, 1 moderate, 2 crowded.
-        start_clearance_m, start_distance_m: of the starts, from everything and from each other.
+        start_margin_m: from a robot at its start to everything else.
+        start_distance_m: between the two starts.
         episode: how long an episode runs, what is recorded, noise, exploration, SLAM.
     """
 
@@ -103,7 +106,7 @@ class ExploreSection(StageSection):
     episodes_per_plan: PositiveInt
     robot: str
     furniture_density: Annotated[float, Field(ge=0, le=3)]
-    start_clearance_m: Positive
+    start_margin_m: Annotated[float, Field(ge=0)]
     start_distance_m: Positive
     episode: EpisodeParameters
 

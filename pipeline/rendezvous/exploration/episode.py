@@ -48,7 +48,6 @@ class _Robot:
         self.spec = spec
         self.explorer = Explorer(spec, slam=parameters.slam, parameters=parameters.explorer, rng=explorer_rng)
         self._encoder = Encoder(parameters.odometry_noise, rng=encoder_rng)
-        self._noise = parameters.lidar_noise
         self._bearings_rad = beam_bearings(spec.lidar)
         self.knots_w = [T_w_r.as_array()]
         self.trajectory: list[Array] = []
@@ -75,7 +74,7 @@ class _Robot:
         ranges_m = cast_rays(
             scene, T_w_l, self._bearings_rad, max_range_m=1.2 * lidar.range_max_m, others_m=others_m
         )
-        noisy_m = noisy_ranges(ranges_m, lidar, self._noise, rng=self._lidar_rng)
+        noisy_m = noisy_ranges(ranges_m, lidar, rng=self._lidar_rng)
         self.explorer.read_lidar(noisy_m)
 
     def snapshot(self) -> Snapshot:

@@ -26,7 +26,7 @@ class ExplorerParameters:
     """How a robot explores.
 
     Attributes:
-        hard_clearance_m, soft_clearance_m: see `frontier.reach`.
+        hard_margin_m, soft_margin_m: what `frontier.reach`'s clearances add to the robot's radius.
         least_frontier_m: shorter frontiers are not worth a visit.
         gain: metres of travel that a metre of frontier is worth.
         replan_s: how long a plan is followed at most before the map is looked at again.
@@ -35,14 +35,14 @@ class ExplorerParameters:
         turn_limit_radps: largest turn rate; a lidar sweep skews with it.
         turn_first_rad: with a larger heading error the robot turns on the spot.
         accel_mps2, turn_accel_radps2: limits on changes of the command.
-        clear_m: distance that r keeps from every surface in sight, judged ahead of time.
+        clear_margin_m: distance, beyond the robot's radius, that r keeps from every surface in sight.
         slip_m, slip_rad: encoders and SLAM disagreeing by more over one sweep means that something unseen
             holds the robot; it backs off.
         stuck_s: without progress for so long, it backs off and looks for another goal.
     """
 
-    hard_clearance_m: float = 0.15
-    soft_clearance_m: float = 0.30
+    hard_margin_m: float = 0.045
+    soft_margin_m: float = 0.195
     least_frontier_m: float = 0.4
     gain: float = 0.6
     replan_s: float = 4.0
@@ -52,23 +52,24 @@ class ExplorerParameters:
     turn_first_rad: float = 0.8
     accel_mps2: float = 1.0
     turn_accel_radps2: float = 6.0
-    clear_m: float = 0.125
+    clear_margin_m: float = 0.02
     slip_m: float = 0.012
     slip_rad: float = 0.06
     stuck_s: float = 5.0
 
     def __post_init__(self) -> None:
         require_within(
-            self, hard_clearance_m=(0.02, 2), soft_clearance_m=(self.hard_clearance_m, 5),
+            self, hard_margin_m=(0, 2), soft_margin_m=(self.hard_margin_m, 5),
             least_frontier_m=(0.05, 10), gain=(0, 100), replan_s=(0.1, 600), lookahead_m=(0.05, 5),
             turn_gain=(0.1, 20), turn_limit_radps=(0.05, 10), turn_first_rad=(0.05, 3.2),
-            accel_mps2=(0.05, 50), turn_accel_radps2=(0.1, 100), clear_m=(0, 2), slip_m=(1e-3, 1),
+            accel_mps2=(0.05, 50), turn_accel_radps2=(0.1, 100), clear_margin_m=(0, 2), slip_m=(1e-3, 1),
             slip_rad=(1e-3, 7), stuck_s=(0.5, 600),
         )  # fmt: skip
 
 
 _BACK_OFF_S = 1.2
 _SHUN_S = 30.0
+_SHUN_MARGIN_M = 0.395  # a goal this near to one given up, beyond the robot's radius, is given up as well
 _FORESIGHT_S = (0.2, 0.4, 0.6, 0.8)
 
 
@@ -98,11 +99,12 @@ def _keeps_clear(points_m: Array, scan_r: Array, speed: float, turn: float, clea
         clear_m: distance to keep.
     """
     c, s = math.cos(scan_r[2]), math.sin(scan_r[2])
+    farthest_m = clear_m + abs(speed) * _FORESIGHT_S[-1]
     for i in range(points_m.shape[0]):
         x = scan_r[0] + c * points_m[i, 0] - s * points_m[i, 1]
         y = scan_r[1] + s * points_m[i, 0] + c * points_m[i, 1]
         now2 = x * x + y * y
-        if now2 > 0.25:
+        if now2 > farthest_m * farthest_m:
             continue
         for ahead_s in _FORESIGHT_S:
             half_turn, ahead_m = 0.5 * turn * ahead_s, speed * ahead_s
@@ -133,10 +135,12 @@ class Explorer:
         self._spec = spec
         self._p = parameters
         self._rng = rng
+        lidar = spec.lidar
         self.slam = Slam(
-            bearings_rad=beam_bearings(spec.lidar),
-            lidar_x_m=spec.lidar.x_m,
-            range_max_m=spec.lidar.range_max_m,
+            bearings_rad=beam_bearings(lidar),
+            lidar_x_m=lidar.x_m,
+            lidar_sigma=(lidar.noise.sigma_m, lidar.noise.sigma_ratio),
+            no_echo_m=lidar.clears_m(),
             parameters=slam,
         )
         self._odometry = WheelOdometry(wheel_radius_m=spec.wheels.radius_m, track_m=spec.wheels.track_m)
@@ -232,7 +236,8 @@ class Explorer:
     def _is_clear(self, pose: Array, speed: float, turn: float) -> bool:
         """Whether this twist keeps its distance from all surfaces of the last sweep, or leaves them."""
         scan_r = relative(pose, self.slam.pose())
-        return _keeps_clear(self.slam.points_m, scan_r, speed, turn, self._p.clear_m)
+        clear_m = self._spec.radius_m + self._p.clear_margin_m
+        return _keeps_clear(self.slam.points_m, scan_r, speed, turn, clear_m)
 
     def _wants_plan(self, pose: Array) -> bool:
         if len(self._path_m) == 0 or self._time_s >= self._plan_until_s:
@@ -253,8 +258,8 @@ class Explorer:
         ways = reach(
             plan,
             plan.cell_at(pose[0], pose[1]),
-            hard_clearance_m=p.hard_clearance_m,
-            soft_clearance_m=p.soft_clearance_m,
+            hard_clearance_m=self._spec.radius_m + p.hard_margin_m,
+            soft_clearance_m=self._spec.radius_m + p.soft_margin_m,
         )
         goal = self._frontier_goal(plan, ways, pose) or self._patrol_goal(plan, ways)
         self._path_m = path_m(plan, ways, goal) if goal is not None else np.zeros((0, 2))
@@ -263,10 +268,11 @@ class Explorer:
     def _frontier_goal(self, plan: PlanningMap, ways: Reach, pose: Array) -> tuple[int, int] | None:
         cells, cost_m, length_m = frontiers(plan, ways, least_m=self._p.least_frontier_m)
         self._shunned = [s for s in self._shunned if s[2] > self._time_s]
+        shun_m = self._spec.radius_m + _SHUN_MARGIN_M
         best, best_score = None, math.inf
         for (row, col), cost, length in zip(cells.tolist(), cost_m, length_m, strict=True):
             x_m, y_m = plan.centre_m(row, col)
-            if any(math.hypot(x_m - sx, y_m - sy) < 0.5 for sx, sy, _ in self._shunned):
+            if any(math.hypot(x_m - sx, y_m - sy) < shun_m for sx, sy, _ in self._shunned):
                 continue
             if cost < self._p.lookahead_m:
                 continue
@@ -281,7 +287,9 @@ class Explorer:
             row, col = plan.cell_at(*self._path_m[-1])
             if ways.reachable()[row, col]:
                 return row, col
-        cells = np.argwhere(ways.reachable() & (plan.clearance_m > self._p.soft_clearance_m))
+        cells = np.argwhere(
+            ways.reachable() & (plan.clearance_m > self._spec.radius_m + self._p.soft_margin_m)
+        )
         if len(cells) == 0:
             return None
         row, col = cells[self._rng.integers(len(cells))]

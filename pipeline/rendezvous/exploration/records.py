@@ -10,7 +10,6 @@ from rendezvous.exploration.rendezvous import Sighting
 from rendezvous.geometry.occupancy_grid import OccupancyGrid
 from rendezvous.geometry.se2 import SE2, Array
 from rendezvous.simulation.drive import OdometryNoise
-from rendezvous.simulation.lidar import LidarNoise
 from rendezvous.simulation.world import Drive
 from rendezvous.slam.slam import SlamParameters
 
@@ -58,7 +57,6 @@ class EpisodeParameters:
     event_gap_m: float = 1.0
     trajectory_step_s: float = 1.0
     sighting: SightingParameters = field(default_factory=SightingParameters)
-    lidar_noise: LidarNoise = field(default_factory=LidarNoise)
     odometry_noise: OdometryNoise = field(default_factory=OdometryNoise)
     explorer: ExplorerParameters = field(default_factory=ExplorerParameters)
     slam: SlamParameters = field(default_factory=SlamParameters)

@@ -76,7 +76,7 @@ def sight(
     T_r0_r1 = T_w_r0.inverse() @ T_w_r1
     if math.hypot(T_r0_r1.x_m, T_r0_r1.y_m) > max_range_m + 1.0:
         return None
-    if abs(math.atan2(T_r0_r1.y_m, T_r0_r1.x_m)) > _widest_bearing(observer, T_r0_r1):
+    if abs(math.atan2(T_r0_r1.y_m, T_r0_r1.x_m)) > _widest_bearing(observer, seen, T_r0_r1):
         return None
     T_w_c = se3_from_se2(T_w_r0) @ observer.camera.T_r_c()
     p_r1 = np.concatenate([[seen.cuboid.centre_m], cuboid_samples(seen.cuboid)])
@@ -105,14 +105,16 @@ def sight(
     )
 
 
-def _widest_bearing(observer: RobotSpec, T_r0_r1: SE2) -> float:
-    """No part of a robot of ordinary size at this distance is in view beyond this bearing [rad]."""
-    # Half a metre covers the robot's size and the camera's place on the observer.
+def _widest_bearing(observer: RobotSpec, seen: RobotSpec, T_r0_r1: SE2) -> float:
+    """Bearing of r1 [rad] beyond which no part of the other robot is in view."""
     distance_m = math.hypot(T_r0_r1.x_m, T_r0_r1.y_m)
-    camera = observer.camera
+    camera, cuboid = observer.camera, seen.cuboid
+    # From r0 to the camera, and from r1 to the cuboid's farthest corner.
+    reach_m = math.hypot(*camera.xyz_m[:2]) + math.hypot(*cuboid.centre_m[:2])
+    reach_m += 0.5 * math.hypot(*cuboid.size_m[:2])
     half_view = math.atan(max(camera.cx_px, camera.width_px - camera.cx_px) / camera.fx_px)
     mount = math.hypot(camera.rpy_rad[0], camera.rpy_rad[1]) + abs(camera.rpy_rad[2])
-    return half_view + mount + (math.asin(0.5 / distance_m) if distance_m > 0.5 else math.pi)
+    return half_view + mount + (math.asin(reach_m / distance_m) if distance_m > reach_m else math.pi)
 
 
 @njit

@@ -31,17 +31,20 @@ MIN_AGREEMENT = 0.3
 WALL_SPOT_STEP_M = 0.2
 
 
-def furnish(floorplan: Floorplan, rng: np.random.Generator, *, density: float) -> tuple[Solid, ...]:
+def furnish(
+    floorplan: Floorplan, rng: np.random.Generator, *, density: float, robot_radius_m: float
+) -> tuple[Solid, ...]:
     """Furniture for one episode.
 
     Solids that start below `DRIVE_UNDER_M` stand on the floor and are at least 0.25 m high, so that the lidar
-    sees them; the others are table tops and the like, above the robot. Doorways stay clear. A robot of radius
-    0.105 m still reaches, with clearance, nearly all that it could reach before, and every start region.
+    sees them; the others are table tops and the like, above the robot. Doorways stay clear. The robot
+    still reaches, with clearance, nearly all that it could reach before, and every start region.
 
     Args:
         floorplan: a validated plan.
         rng: draws pieces and places.
         density: 0 none, 1 moderate, 2 crowded.
+        robot_radius_m: of the robot that has to get around in it.
 
     Returns:
         The solids; those of one piece share `item`, numbered from 0.
@@ -53,7 +56,7 @@ def furnish(floorplan: Floorplan, rng: np.random.Generator, *, density: float) -
         raise FloorplanError(f"furniture density {density}; must be from 0 (none) to 3 (packed)")
     if density == 0.0:
         return ()
-    site = Site(floorplan)
+    site = Site(floorplan, robot_radius_m=robot_radius_m)
     solids: list[Solid] = []
     spots = _wall_spots(floorplan, site)
     for cells, room_spots in zip(site.cells_per_room(), spots, strict=True):

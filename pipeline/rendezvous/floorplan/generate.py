@@ -68,13 +68,18 @@ class GeneratorParameters:
 
 
 def generate_floorplan(
-    rng: np.random.Generator, *, plan_id: str, parameters: GeneratorParameters | None = None
+    rng: np.random.Generator,
+    *,
+    plan_id: str,
+    robot_radius_m: float,
+    parameters: GeneratorParameters | None = None,
 ) -> Floorplan:
     """A valid floor plan.
 
     Args:
         rng: the plan is a function of its state.
         plan_id: name of the plan.
+        robot_radius_m: of the robot that has to get everywhere in it.
         parameters: what it is drawn from.
 
     Raises:
@@ -97,13 +102,14 @@ def generate_floorplan(
             reason = "a room wraps around another"
             continue
         try:
-            return validated(_built(layout, rng, plan_id, drawn_from), limits=ALL_REACHABLE)
+            built = _built(layout, rng, plan_id, drawn_from)
+            return validated(built, robot_radius_m=robot_radius_m, limits=ALL_REACHABLE)
         except FloorplanError as error:
             reason = str(error)
     raise FloorplanError(f"{plan_id}: no valid plan in {ATTEMPTS} attempts, the last one: {reason}")
 
 
-def shipped_floorplans(count: int, *, seed: int = 0) -> list[Floorplan]:
+def shipped_floorplans(count: int, *, robot_radius_m: float, seed: int = 0) -> list[Floorplan]:
     """The plans of the folder `floorplans/`: `rdv-000`, `rdv-001`, ..., kinds by turns."""
     plans = []
     for index in range(count):
@@ -113,7 +119,12 @@ def shipped_floorplans(count: int, *, seed: int = 0) -> list[Floorplan]:
             apartment=float(kind == "apartment"), office=float(kind == "office"), hall=float(kind == "hall")
         )
         plans.append(
-            generate_floorplan(stream(seed, "shipped", plan_id), plan_id=plan_id, parameters=parameters)
+            generate_floorplan(
+                stream(seed, "shipped", plan_id),
+                plan_id=plan_id,
+                robot_radius_m=robot_radius_m,
+                parameters=parameters,
+            )
         )
     return plans
 

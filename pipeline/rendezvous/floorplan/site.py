@@ -30,8 +30,8 @@ MARGIN_CELLS = 5
 WALL_SLACK_CELLS = 0.7
 """By this much a piece may reach into a cell that a wall touches; exact polygons have the last word."""
 
-CLEARANCE_M = 0.17
-"""From a solid to the robot's centre: the Burger's radius, 0.105 m, and room to steer."""
+STEERING_M = 0.065
+"""Room to steer, between a solid and the robot."""
 
 DOOR_CLEARANCE_M = 0.7
 """Nothing stands this close to the middle of a doorway."""
@@ -56,7 +56,8 @@ class Site:
         reachable: (H, W) uint8, 1 where the robot's centre can be.
     """
 
-    def __init__(self, floorplan: Floorplan) -> None:
+    def __init__(self, floorplan: Floorplan, *, robot_radius_m: float) -> None:
+        self._clearance_m = round(robot_radius_m + STEERING_M, 6)
         self.origin_m = floorplan.outline_m.min(axis=0) - MARGIN_CELLS * CELL_M
         extent_m = np.ptp(floorplan.outline_m, axis=0)
         width, height = (np.ceil(extent_m / CELL_M).astype(int) + 2 * MARGIN_CELLS).tolist()
@@ -64,8 +65,8 @@ class Site:
         self._free_space = floorplan.free_space()
         shapely.prepare(self._free_space)
         free = self._free_cells(floorplan)
-        self.reachable = _largest_component(cv2.erode(free, _disc(CLEARANCE_M)))
-        regions = start_regions(floorplan)
+        self.reachable = _largest_component(cv2.erode(free, _disc(self._clearance_m)))
+        regions = start_regions(floorplan, robot_radius_m=robot_radius_m)
         self.room_count = len(regions)
         self.region_of_cell = np.zeros(self._shape, np.int32)
         for index, region in enumerate(regions, start=1):
@@ -122,7 +123,7 @@ class Site:
             boxes,
             cylinders,
             rectangle,
-            CLEARANCE_M / CELL_M,
+            self._clearance_m / CELL_M,
             int(MAX_POCKET_M2 / CELL_M**2),
         )
 

@@ -30,8 +30,11 @@ HALF_DOORS_M = (0.6, 0.75, 0.9)
 FARTHEST_M = 10_000.0
 """A plan lies within this distance of the origin: GLB's 32 bits hold it to the millimetre there."""
 
-START_CLEARANCE_M = 0.25
-"""Start regions keep this distance from the walls, to within 4 cm where the walls have corners."""
+START_MARGIN_M = 0.145
+"""A robot in a start region is this far from the walls, to within 4 cm where the walls have corners."""
+
+PASSAGE_MARGIN_M = 0.03
+"""Added to the robot's radius where it is asked whether it can pass."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -42,7 +45,6 @@ class FloorplanLimits:
         min_side_m, max_side_m: range of both sides of the plan's bounding box.
         min_area_m2, max_area_m2: range of the free area.
         crossing_m: an outline that crosses or touches itself is repaired if what is lost is thinner.
-        robot_radius_m, margin_m: the robot's radius (TurtleBot3 Burger) and what is added to it.
         min_reachable_share: of the area that the robot fits in, the least share in one piece.
         min_start_regions: rooms to start in.
     """
@@ -52,8 +54,6 @@ class FloorplanLimits:
     min_area_m2: float = 15.0
     max_area_m2: float = 1500.0
     crossing_m: float = 0.05
-    robot_radius_m: float = 0.105
-    margin_m: float = 0.03
     min_reachable_share: float = 0.8
     min_start_regions: int = 2
 
@@ -64,11 +64,8 @@ class FloorplanLimits:
                 raise FloorplanError(
                     f"limits: min_{name} {least}, max_{name} {most}; must be positive and in order"
                 )
-        if not (self.robot_radius_m > 0.0 and self.margin_m >= 0.0 and self.crossing_m >= 0.0):
-            raise FloorplanError(
-                f"limits: robot_radius_m {self.robot_radius_m}, margin_m {self.margin_m}, "
-                f"crossing_m {self.crossing_m}; must not be negative, the radius positive"
-            )
+        if not self.crossing_m >= 0.0:
+            raise FloorplanError(f"limits: crossing_m {self.crossing_m}; must not be negative")
         if not (0.0 <= self.min_reachable_share <= 1.0 and self.min_start_regions >= 0):
             raise FloorplanError(
                 f"limits: min_reachable_share {self.min_reachable_share}, min_start_regions "
@@ -79,10 +76,17 @@ class FloorplanLimits:
 DEFAULT_LIMITS = FloorplanLimits()
 
 
-def validated(floorplan: Floorplan, *, limits: FloorplanLimits = DEFAULT_LIMITS) -> Floorplan:
+def validated(
+    floorplan: Floorplan, *, robot_radius_m: float, limits: FloorplanLimits = DEFAULT_LIMITS
+) -> Floorplan:
     """The plan with its small faults repaired, outline counter-clockwise, holes clockwise, on the mm grid.
 
     A validated plan comes back as it is.
+
+    Args:
+        floorplan: as it was read.
+        robot_radius_m: of the robots that have to get around in it.
+        limits: what a usable plan keeps to.
 
     Raises:
         FloorplanError: the plan cannot be used; plan id, reason, location [m] and what would be right.
@@ -95,8 +99,8 @@ def validated(floorplan: Floorplan, *, limits: FloorplanLimits = DEFAULT_LIMITS)
         outline_m=_vertices(free.exterior),
         holes_m=tuple(_vertices(ring) for ring in free.interiors),
     )
-    _check_reachable(repaired, limits)
-    regions = start_regions(repaired)
+    _check_reachable(repaired, robot_radius_m + PASSAGE_MARGIN_M, limits)
+    regions = start_regions(repaired, robot_radius_m=robot_radius_m)
     if len(regions) < limits.min_start_regions:
         raise FloorplanError(
             f"{floorplan.plan_id}: {len(regions)} room(s) to start in, around {_at(free)}; two robots need "
@@ -118,28 +122,27 @@ def reachable_space(floorplan: Floorplan, *, robot_radius_m: float) -> Polygon:
     return max(pieces, key=lambda piece: piece.area)
 
 
-def start_regions(floorplan: Floorplan) -> tuple[Polygon, ...]:
+def start_regions(floorplan: Floorplan, *, robot_radius_m: float) -> tuple[Polygon, ...]:
     """Rooms, as far as a robot may start in them: disjoint parts of the free space, largest first [m].
 
-    A room is a piece of the free space eroded by half a doorway, grown back up to `START_CLEARANCE_M` from
-    the walls. Of several doorway widths the one that parts the plan into most rooms is taken.
+    A room is a piece of the free space eroded by half a doorway, grown back up to where a robot keeps
+    `START_MARGIN_M` from the walls. Of several doorway widths, the one that parts the plan into most rooms
+    is taken.
     """
-    reachable = reachable_space(
-        floorplan, robot_radius_m=DEFAULT_LIMITS.robot_radius_m + DEFAULT_LIMITS.margin_m
-    )
-    free = floorplan.free_space()
-    candidates = [_rooms(free, reachable, half_door_m) for half_door_m in HALF_DOORS_M]
+    reachable = reachable_space(floorplan, robot_radius_m=robot_radius_m + PASSAGE_MARGIN_M)
+    free, clearance_m = floorplan.free_space(), robot_radius_m + START_MARGIN_M
+    candidates = [_rooms(free, reachable, half_door_m, clearance_m) for half_door_m in HALF_DOORS_M]
     return max(candidates, key=len)
 
 
-def _rooms(free: Polygon, reachable: Polygon, half_door_m: float) -> tuple[Polygon, ...]:
+def _rooms(free: Polygon, reachable: Polygon, half_door_m: float, clearance_m: float) -> tuple[Polygon, ...]:
     cores = _polygons(free.buffer(-half_door_m, quad_segs=4))
     shapely.prepare(reachable)
     cores = [core for core in cores if core.area > 0.05 and reachable.contains(core.representative_point())]
     cores.sort(key=lambda core: (-core.area, core.bounds))
     rooms: list[Polygon] = []
     for core in cores:
-        room = core.buffer(half_door_m - START_CLEARANCE_M, quad_segs=2)
+        room = core.buffer(half_door_m - clearance_m, quad_segs=2)
         for other in rooms:
             if room.intersects(other):
                 room = max(_polygons(room.difference(other)), key=lambda piece: piece.area)
@@ -171,8 +174,7 @@ def _check_area(floorplan: Floorplan, free: Polygon, limits: FloorplanLimits) ->
         )
 
 
-def _check_reachable(floorplan: Floorplan, limits: FloorplanLimits) -> None:
-    radius_m = limits.robot_radius_m + limits.margin_m
+def _check_reachable(floorplan: Floorplan, radius_m: float, limits: FloorplanLimits) -> None:
     pieces = _polygons(floorplan.free_space().buffer(-radius_m, quad_segs=4))
     pieces.sort(key=lambda piece: piece.area, reverse=True)
     area_m2 = sum(piece.area for piece in pieces)

@@ -3,35 +3,18 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
-from rendezvous.errors import require_within
 from rendezvous.geometry.se2 import Array
 from rendezvous.simulation.robot import LidarSpec
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LidarNoise:
-    """Range noise: sigma = hypot(sigma_m, sigma_ratio * range), steps of `step_m`, lost echoes.
-
-    The LDS-01's data sheet gives a precision of 10 mm below 0.5 m and 3.5 % beyond, read as three sigma.
-    """
-
-    sigma_m: float = 0.01
-    sigma_ratio: float = 0.01
-    step_m: float = 0.001
-    dropout: float = 0.01
-
-    def __post_init__(self) -> None:
-        require_within(self, sigma_m=(0, 1), sigma_ratio=(0, 0.5), step_m=(0, 0.5), dropout=(0, 1))
-
-
-def noisy_ranges(ranges_m: Array, spec: LidarSpec, noise: LidarNoise, *, rng: np.random.Generator) -> Array:
+def noisy_ranges(ranges_m: Array, spec: LidarSpec, *, rng: np.random.Generator) -> Array:
     """(B,) [m] as the sensor reports them: inf where there is no echo or it is out of the sensor's range."""
     # Normal in the range, Bernoulli for a lost echo; both always drawn, so that a beam's noise does not
     # depend on what the other beams hit.
+    noise = spec.noise
     normal = rng.standard_normal(ranges_m.shape[0])
     lost = rng.random(ranges_m.shape[0]) < noise.dropout
     finite = np.where(np.isfinite(ranges_m), ranges_m, 0.0)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rendezvous.errors import ConfigError
+from rendezvous.errors import ConfigError, require_within
 from rendezvous.geometry.camera import PinholeCamera, camera_pose
 from rendezvous.geometry.se2 import Array
 
@@ -45,8 +45,29 @@ class Caster:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class LidarNoise:
+    """Range noise of the lidar: sigma = hypot(sigma_m, sigma_ratio * range), steps of `step_m`, lost echoes.
+
+    SLAM knows the same sigma, as a data sheet gives it.
+    """
+
+    sigma_m: float
+    sigma_ratio: float
+    step_m: float
+    dropout: float
+
+    def __post_init__(self) -> None:
+        require_within(self, sigma_m=(0, 1), sigma_ratio=(0, 0.5), step_m=(0, 0.5), dropout=(0, 1))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class LidarSpec:
-    """A spinning lidar on the robot's axis; its axes are those of r."""
+    """A spinning lidar on the robot's axis; its axes are those of r.
+
+    Attributes:
+        cap_radius_m: of the lidar's own housing, which another robot's lidar sees.
+        no_echo_free_m: how far a beam clears the map if it and its neighbours have no echo.
+    """
 
     x_m: float
     z_m: float
@@ -55,6 +76,12 @@ class LidarSpec:
     rate_hz: float
     range_min_m: float
     range_max_m: float
+    no_echo_free_m: float
+    noise: LidarNoise
+
+    def clears_m(self) -> float:
+        """How far beams without echo clear the map: noise hides echoes from just within the range."""
+        return min(self.no_echo_free_m, 0.9 * self.range_max_m)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -162,6 +189,7 @@ class RobotSpec:
             "caster.radius_m": self.caster.radius_m,
             "lidar.cap_radius_m": self.lidar.cap_radius_m,
             "lidar.rate_hz": self.lidar.rate_hz,
+            "lidar.no_echo_free_m": self.lidar.no_echo_free_m,
         }
         sizes = {"size_m": self.size_m, "cuboid.size_m": self.cuboid.size_m}
         return values | {f"{key}[{k}]": size[k] for key, size in sizes.items() for k in range(3)}

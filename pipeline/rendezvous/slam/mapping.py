@@ -23,9 +23,8 @@ class MappingParameters:
         hit, miss: log-odds that one beam adds to the cell it ends in and to those it crosses.
         limit: log-odds stay within plus and minus this, so that a robot that drove away is forgotten.
         occupied, free: log-odds above and below which a cell is called so.
-        no_echo_free_m: how far a beam without echo clears, if enough of its neighbours have none either
-            (open space; a single one is a lost echo).
-        no_echo_run: how many neighbouring beams that takes.
+        no_echo_run: how many neighbouring beams without echo clear the map (open space; a single one is a
+            lost echo).
     """
 
     resolution_m: float = 0.05
@@ -34,13 +33,12 @@ class MappingParameters:
     limit: float = 4.0
     occupied: float = 0.62
     free: float = -0.62
-    no_echo_free_m: float = 3.0
     no_echo_run: int = 5
 
     def __post_init__(self) -> None:
         require_within(
             self, resolution_m=(0.01, 0.5), hit=(0.01, 10), miss=(-10, -0.01), limit=(0.1, 50),
-            occupied=(0, self.limit), free=(-self.limit, 0), no_echo_free_m=(0, 100), no_echo_run=(1, 10_000),
+            occupied=(0, self.limit), free=(-self.limit, 0), no_echo_run=(1, 10_000),
         )  # fmt: skip
 
 

@@ -19,6 +19,8 @@ from rendezvous.slam.surface_map import SurfaceMap
 MOST_CELLS = 8000
 """Cells per side of the largest map."""
 
+_LEAST_SIGMA_M = 1e-3  # a surface seen by an ideal lidar still has a weight
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SlamParameters:
@@ -27,22 +29,16 @@ class SlamParameters:
     Attributes:
         extent_m: side of the square map.
         keyframe_m, keyframe_rad: motion after which a scan is averaged into the surface map.
-        range_sigma_m, range_sigma_ratio: the lidar's data sheet: sigma = hypot(m, ratio * range).
     """
 
     extent_m: float = 80.0
     keyframe_m: float = 0.15
     keyframe_rad: float = 0.15
-    range_sigma_m: float = 0.01
-    range_sigma_ratio: float = 0.01
     match: MatchParameters = field(default_factory=MatchParameters)
     mapping: MappingParameters = field(default_factory=MappingParameters)
 
     def __post_init__(self) -> None:
-        require_within(
-            self, extent_m=(4, 400), keyframe_m=(0, 10), keyframe_rad=(0, 7), range_sigma_m=(1e-4, 1),
-            range_sigma_ratio=(0, 0.5),
-        )  # fmt: skip
+        require_within(self, extent_m=(4, 400), keyframe_m=(0, 10), keyframe_rad=(0, 7))
         cells = self.extent_m / self.mapping.resolution_m
         if cells > MOST_CELLS:
             raise ConfigError(
@@ -116,20 +112,27 @@ class Slam:
     """Online SLAM: odometry prior, scan match, occupancy mapping. Map frame: the pose at the first sweep.
 
     Args:
-        bearings_rad: (B,) the lidar's beams.
-        lidar_x_m: its place on the robot's axis.
-        range_max_m: how far it sees; a beam without echo clears no farther.
+        bearings_rad: (B,) directions of the lidar's beams.
+        lidar_x_m: the lidar's place on the robot's axis.
+        lidar_sigma: sigma of its ranges by the data sheet: hypot(first [m], second * range).
+        no_echo_m: how far a beam without echo clears the map.
         parameters: settings.
     """
 
     def __init__(
-        self, *, bearings_rad: Array, lidar_x_m: float, range_max_m: float, parameters: SlamParameters
+        self,
+        *,
+        bearings_rad: Array,
+        lidar_x_m: float,
+        lidar_sigma: tuple[float, float],
+        no_echo_m: float,
+        parameters: SlamParameters,
     ) -> None:
         self.parameters = parameters
         self._bearings_rad = bearings_rad
         self._lidar_x_m = lidar_x_m
-        # Short of its range: noise there hides echoes of what is just within it.
-        self._no_echo_m = min(parameters.mapping.no_echo_free_m, 0.9 * range_max_m)
+        self._sigma_m, self._sigma_ratio = max(lidar_sigma[0], _LEAST_SIGMA_M), lidar_sigma[1]
+        self._no_echo_m = no_echo_m
         self._surface = SurfaceMap(
             extent_m=parameters.extent_m,
             cell_m=parameters.match.cell_m,
@@ -150,7 +153,7 @@ class Slam:
             sweep.ranges_m, self._bearings_rad, sweep.odometry, self._lidar_x_m, self._no_echo_m
         )
         hits = np.isfinite(sweep.ranges_m)
-        sigma_m = np.hypot(p.range_sigma_m, p.range_sigma_ratio * np.where(hits, sweep.ranges_m, 0.0))
+        sigma_m = np.hypot(self._sigma_m, self._sigma_ratio * np.where(hits, sweep.ranges_m, 0.0))
         normals = scan_normals(points_m, origins_m, hits, p.match.normal_radius_m)
         odometry = sweep.odometry[-1]
         if self._pose is None:

@@ -12,7 +12,7 @@ import numpy as np
 
 from rendezvous.config.sections import ExploreSection
 from rendezvous.engine.run import Run, Task, part_name
-from rendezvous.errors import ConfigError, FloorplanError
+from rendezvous.errors import FloorplanError
 from rendezvous.exploration.episode import run_episode
 from rendezvous.exploration.records import Episode
 from rendezvous.exploration.starts import draw_starts
@@ -39,7 +39,6 @@ def explore(run: Run) -> Manifest:
     """Write the sightings of every plan's episodes."""
     section, seed = run.config.explore, run.config.seed
     robot = load_robot(section.robot)
-    _check_clearances(section, robot)
     meshes = run.read("meshes")
     batches = list(chunks(meshes.items(), section.plans_per_shard))
     tasks = (
@@ -59,19 +58,6 @@ def explore(run: Run) -> Manifest:
     manifest = run.build("explore", tasks, layout=LAYOUT, total=len(batches))
     _report_left_out(run, manifest)
     return manifest
-
-
-def _check_clearances(section: ExploreSection, robot: RobotSpec) -> None:
-    clearances_m = {
-        "explore.start_clearance_m": section.start_clearance_m,
-        "explore.episode.explorer.hard_clearance_m": section.episode.explorer.hard_clearance_m,
-        "explore.episode.explorer.clear_m": section.episode.explorer.clear_m,
-    }
-    for key, value in clearances_m.items():
-        if value < robot.radius_m:
-            raise ConfigError(
-                f"{key} is {value}; must be at least the radius of robot {robot.name}, {robot.radius_m} m"
-            )
 
 
 def _report_left_out(run: Run, manifest: Manifest) -> None:
@@ -132,15 +118,20 @@ def _run(
 ) -> tuple[Scene, Episode]:
     """Furnish the plan, place the robots and let them go; each draws from a stream of its own."""
     key = ("explore", plan.plan_id, number)
-    furniture = furnish(plan, stream(seed, *key, "furniture"), density=section.furniture_density)
+    furniture = furnish(
+        plan,
+        stream(seed, *key, "furniture"),
+        density=section.furniture_density,
+        robot_radius_m=robot.radius_m,
+    )
     surroundings = furnished(plan, walls, furniture, robot)
     starts = draw_starts(
         plan,
-        start_regions(plan),
+        start_regions(plan, robot_radius_m=robot.radius_m),
         in_the_way(furniture, robot),
         surroundings.lidar_scene,
-        clearance_m=section.start_clearance_m,
-        passage_m=section.episode.explorer.hard_clearance_m,
+        clearance_m=robot.radius_m + section.start_margin_m,
+        passage_m=robot.radius_m + section.episode.explorer.hard_margin_m,
         least_distance_m=section.start_distance_m,
         rng=stream(seed, *key, "starts"),
     )

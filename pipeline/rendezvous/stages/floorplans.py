@@ -21,6 +21,7 @@ from rendezvous.floorplan.records import Floorplan
 from rendezvous.floorplan.validate import FloorplanLimits, start_regions, validated
 from rendezvous.interop.houseexpo_files import PlanFile, check_source, count_plan_files, plan_files
 from rendezvous.plan_schema import FLOORPLANS, PLAN_COLUMNS, plan_row
+from rendezvous.robot_file import load_robot
 from rendezvous.seeds import stream
 from rendezvous.store.parquet import Layout
 from rendezvous.store.records import Inputs, Manifest, Quarantined, Shard
@@ -54,27 +55,28 @@ class Candidate:
 def floorplans(run: Run) -> Manifest:
     """Write every usable floor plan of the sources, then those that are generated."""
     section = run.config.floorplans
+    robot_radius_m = load_robot(section.robot).radius_m
     for source in section.sources:
         check_source(source)
     tasks = (
         Task(
             name=part_name(index),
             inputs=inputs,
-            make=partial(usable_plans, candidates, section.limits),
+            make=partial(usable_plans, candidates, section.limits, robot_radius_m),
         )
-        for index, (inputs, candidates) in enumerate(_batches(section, run.config.seed))
+        for index, (inputs, candidates) in enumerate(_batches(section, run.config.seed, robot_radius_m))
     )
     manifest = run.build("floorplans", tasks, layout=LAYOUT, total=_shard_count(section))
     _report_acceptance(run, manifest)
     return manifest
 
 
-def usable_plans(candidates: Iterable[Candidate], limits: FloorplanLimits) -> Shard:
+def usable_plans(candidates: Iterable[Candidate], limits: FloorplanLimits, robot_radius_m: float) -> Shard:
     """The candidates that are usable, repaired; the others with the reason."""
     rows, quarantined = [], []
     for candidate in candidates:
         try:
-            plan = _usable_plan(candidate, limits)
+            plan = _usable_plan(candidate, limits, robot_radius_m)
         except FloorplanError as error:
             quarantined.append(Quarantined(item_id=candidate.name, reason=str(error), where=candidate.origin))
             continue
@@ -84,27 +86,33 @@ def usable_plans(candidates: Iterable[Candidate], limits: FloorplanLimits) -> Sh
                 "origin": candidate.origin,
                 "source": candidate.name,
                 "area_m2": plan.free_space().area,
-                "start_regions": len(start_regions(plan)),
+                "start_regions": len(start_regions(plan, robot_radius_m=robot_radius_m)),
             }
         )
     counts = {"candidates": len(rows) + len(quarantined), "plans": len(rows)}
     return Shard(table=FLOORPLANS.table(rows), counts=counts, quarantined=tuple(quarantined))
 
 
-def _usable_plan(candidate: Candidate, limits: FloorplanLimits) -> Floorplan:
+def _usable_plan(candidate: Candidate, limits: FloorplanLimits, robot_radius_m: float) -> Floorplan:
     if candidate.same_as:
         raise FloorplanError(f"{candidate.name}: duplicate: same id or geometry as {candidate.same_as}")
-    return validated(candidate.load(), limits=limits)
+    return validated(candidate.load(), robot_radius_m=robot_radius_m, limits=limits)
 
 
-def _batches(section: FloorplansSection, seed: int) -> Iterator[tuple[Inputs, tuple[Candidate, ...]]]:
+def _batches(
+    section: FloorplansSection, seed: int, robot_radius_m: float
+) -> Iterator[tuple[Inputs, tuple[Candidate, ...]]]:
     """The candidates of each shard. None mixes sources: a new one leaves those of the others alone."""
     holders: dict[str, Candidate] = {}
-    judged_by = section.parameters(exclude={"sources", "generate", "plans_per_shard"})
-    drawn_from = section.parameters(exclude={"sources", "generate.count", "plans_per_shard"})
+    robot = {"floorplans.robot.radius_m": robot_radius_m}
+    judged_by = section.parameters(exclude={"sources", "generate", "plans_per_shard", "robot"}) | robot
+    drawn_from = section.parameters(exclude={"sources", "generate.count", "plans_per_shard", "robot"}) | robot
     read = [(_read_candidates(source), judged_by, None) for source in section.sources]
-    for candidates, parameters, own_seed in [*read, (_generated_candidates(section, seed), drawn_from, seed)]:
-        singled = _marked_duplicates(candidates, holders, section.limits)
+    for candidates, parameters, own_seed in [
+        *read,
+        (_generated_candidates(section, seed, robot_radius_m), drawn_from, seed),
+    ]:
+        singled = _marked_duplicates(candidates, holders, section.limits, robot_radius_m)
         while batch := tuple(islice(singled, section.plans_per_shard)):
             items = {candidate.name: candidate.same_as or candidate.digest for candidate in batch}
             yield Inputs(parameters=parameters, items=items, seed=own_seed, version=VERSION), batch
@@ -121,21 +129,23 @@ def _read_candidates(source: str) -> Iterator[Candidate]:
         )
 
 
-def _generated_candidates(section: FloorplansSection, seed: int) -> Iterator[Candidate]:
+def _generated_candidates(
+    section: FloorplansSection, seed: int, robot_radius_m: float
+) -> Iterator[Candidate]:
     for index in range(section.generate.count):
         plan_id = f"gen-{index:06d}"
         yield Candidate(
             name=plan_id,
             origin="generated",
             digest="",
-            load=partial(_generated, plan_id, section.generate.plans, seed),
+            load=partial(_generated, plan_id, section.generate.plans, seed, robot_radius_m),
             keys=(f"id {plan_id}",),
         )
 
 
-def _generated(plan_id: str, parameters: GeneratorParameters, seed: int) -> Floorplan:
+def _generated(plan_id: str, parameters: GeneratorParameters, seed: int, robot_radius_m: float) -> Floorplan:
     rng = stream(seed, "floorplans", plan_id)
-    return generate_floorplan(rng, plan_id=plan_id, parameters=parameters)
+    return generate_floorplan(rng, plan_id=plan_id, robot_radius_m=robot_radius_m, parameters=parameters)
 
 
 def _parsed(source: str, compressed: bytes, fault: str) -> Floorplan:
@@ -165,7 +175,10 @@ def _keys(file: PlanFile) -> tuple[str, ...]:
 
 
 def _marked_duplicates(
-    candidates: Iterable[Candidate], holders: dict[str, Candidate], limits: FloorplanLimits
+    candidates: Iterable[Candidate],
+    holders: dict[str, Candidate],
+    limits: FloorplanLimits,
+    robot_radius_m: float,
 ) -> Iterator[Candidate]:
     """The candidates, each told apart from the usable ones before it.
 
@@ -175,21 +188,26 @@ def _marked_duplicates(
         candidates: in the order in which they have a claim to their keys.
         holders: the latest candidate that is no known duplicate, by each of its keys; updated in place.
         limits: what a usable plan keeps to.
+        robot_radius_m: of the robots that have to get around in it.
     """
     verdicts: dict[Candidate, bool] = {}
     for candidate in candidates:
         rivals = [holders[key] for key in candidate.keys if key in holders]
-        first = next((rival.name for rival in rivals if _is_usable(rival, limits, verdicts)), "")
+        first = next(
+            (rival.name for rival in rivals if _is_usable(rival, limits, robot_radius_m, verdicts)), ""
+        )
         if not first:
             holders |= dict.fromkeys(candidate.keys, candidate)
         yield replace(candidate, same_as=first)
 
 
-def _is_usable(candidate: Candidate, limits: FloorplanLimits, verdicts: dict[Candidate, bool]) -> bool:
+def _is_usable(
+    candidate: Candidate, limits: FloorplanLimits, robot_radius_m: float, verdicts: dict[Candidate, bool]
+) -> bool:
     """Whether a candidate is usable; judged once, kept in `verdicts`."""
     if candidate not in verdicts:
         try:
-            validated(candidate.load(), limits=limits)
+            validated(candidate.load(), robot_radius_m=robot_radius_m, limits=limits)
         except FloorplanError:
             verdicts[candidate] = False
         else:

@@ -71,10 +71,10 @@ def _raised(plan: Floorplan, section: MeshesSection, robot: RobotSpec, seed: int
     rng = stream(seed, "meshes", plan.plan_id)
     height_m = section.wall_height_m
     walls = wall_boxes(plan, height_m=height_m)
-    furniture = furnish(plan, rng, density=section.furniture_density)
+    furniture = furnish(plan, rng, density=section.furniture_density, robot_radius_m=robot.radius_m)
     starts = draw_starts(
         plan,
-        start_regions(plan),
+        start_regions(plan, robot_radius_m=robot.radius_m),
         furniture,
         ray_scene(*lidar_outline(plan, furniture, height_m=robot.lidar.z_m)),
         clearance_m=robot.radius_m,

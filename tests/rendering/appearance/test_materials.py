@@ -7,7 +7,7 @@ from rendezvous.rendering.appearance import materials
 from rendezvous.rendering.appearance.textures import KINDS, texture_key
 from rendezvous.rendering.scene import Material
 
-from tests.floorplan.plans import generated
+from tests.floorplan.plans import RADIUS_M, generated
 
 DRAWS = [
     materials.floor_material,
@@ -47,7 +47,7 @@ def test_most_walls_are_light():
 
 
 def test_a_piece_has_one_material_for_its_body():
-    furniture = furnish(generated(0), np.random.default_rng(0), density=1.0)
+    furniture = furnish(generated(0), np.random.default_rng(0), density=1.0, robot_radius_m=RADIUS_M)
     pieces = materials.piece_materials(np.random.default_rng(0), furniture, variants=2)
     assert set(pieces) == {solid.item for solid in furniture}
     body, second = next(pieces[solid.item] for solid in furniture if solid.category == "plant")

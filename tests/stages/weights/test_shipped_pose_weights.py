@@ -48,7 +48,9 @@ def pictures(studio: Studio, *, absent: bool) -> list[tuple[Drawn, Picture]]:
     taken = []
     for number in range(4 if absent else 8):
         rng, plan = np.random.default_rng([23, number]), generated(number % 4)
-        place = furnished_plan(plan, furnish(plan, rng, density=1.0), wall_height_m=2.5)
+        place = furnished_plan(
+            plan, furnish(plan, rng, density=1.0, robot_radius_m=BURGER.radius_m), wall_height_m=2.5
+        )
         drawn = draw_plausible(rng, place, studio.looks, BURGER, draws, variants=1)
         taken.append((drawn, studio.take(drawn)))
     return taken

@@ -10,6 +10,7 @@ from rendezvous.errors import FloorplanError, StoreError
 from rendezvous.floorplan.generate import shipped_floorplans
 from rendezvous.floorplan.houseexpo import houseexpo_json
 from rendezvous.plan_schema import PLAN_COLUMNS, plan_of
+from rendezvous.robot_file import load_robot
 from rendezvous.store.read import StageReader
 
 _EXPORTED = ("glb", "glb_furnished", "mjcf")
@@ -47,7 +48,7 @@ def export_floorplans(count: int, out: Path) -> list[Path]:
     Returns:
         The files written.
     """
-    plans = shipped_floorplans(count)
+    plans = shipped_floorplans(count, robot_radius_m=load_robot("burger").radius_m)
     return _written(out, {f"{plan.plan_id}.json": houseexpo_json(plan).encode() for plan in plans})
 
 

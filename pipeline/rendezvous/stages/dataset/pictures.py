@@ -158,7 +158,12 @@ def _furnished(
     numbers = range(section.poses_per_plan)
     for furnishing, group in groupby(numbers, key=lambda number: number // section.poses_per_furnishing):
         rng = stream(setting.seed, "render", "furniture", plan.plan_id, furnishing)
-        furniture = furnish(plan, rng, density=section.furniture_density)
+        furniture = furnish(
+            plan,
+            rng,
+            density=section.furniture_density,
+            robot_radius_m=setting.studio().robot.radius_m,
+        )
         place = furnished_plan(plan, furniture, wall_height_m=wall_height_m)
         for number in group:
             yield number, place
