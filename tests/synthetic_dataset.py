@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -17,6 +16,7 @@ from rendezvous.engine.run import Run, Task, part_name
 from rendezvous.schema import EXPLORE, POSES, VIEWS
 from rendezvous.stages.pack import LAYOUT
 from rendezvous.stages.render import LAYOUT as RENDER_LAYOUT
+from rendezvous.store.digest import column_types
 from rendezvous.store.read import chunks
 from rendezvous.store.records import Inputs, Quarantined, Shard
 from rich.console import Console
@@ -59,10 +59,11 @@ def explored(data: Path, *, plans: int = PLANS, turn: int = 0) -> None:
     """
     order = np.roll(np.arange(plans), turn).reshape(-1, 2).tolist()
     tasks = [
-        Task(
-            name=part_name(number),
-            inputs=Inputs(parameters=PARAMETERS, items={str(p): "" for p in shard}, seed=0),
-            make=partial(shard_of, [row for plan in shard for row in ROWS[plan]]),
+        task_of(
+            part_name(number),
+            shard_of([row for plan in shard for row in ROWS[plan]]),
+            parameters=PARAMETERS,
+            items={str(plan): "" for plan in shard},
         )
         for number, shard in enumerate(order)
     ]
@@ -95,29 +96,30 @@ def rendered(
     for number, (item,) in enumerate(chunks(run.read("explore").items(), 1) if views else ()):
         drawn = {"drawn": '{"again": true}'} if item.item_id in redrawn else {}
         pairs = run.read("explore").rows([item], columns=["pair_id"])
-        inputs = Inputs(parameters=told | drawn, items={item.item_id: item.digest}, seed=0)
-        table = VIEWS.table([view_of[pair["pair_id"]] | drawn for pair in pairs])
-        tasks.append(
-            Task(name=f"views/{part_name(number)}", inputs=inputs, make=partial(_given, Shard(table=table)))
-        )
+        shard = Shard(table=VIEWS.table([view_of[pair["pair_id"]] | drawn for pair in pairs]))
+        name, items = f"views/{part_name(number)}", {item.item_id: item.digest}
+        tasks.append(task_of(name, shard, parameters=told | drawn, items=items))
     for number, plans in enumerate(poses[i : i + 3] for i in range(0, len(poses), 3)):
         rows = [row for plan in plans for row in plan]
-        inputs = Inputs(parameters=told, items={row["plan_id"]: "" for row in rows}, seed=0)
-        left_out = quarantined if number == 0 else ()
-        shard = Shard(table=POSES.table(rows), quarantined=left_out)
-        tasks.append(Task(name=f"poses/{part_name(number)}", inputs=inputs, make=partial(_given, shard)))
+        items = {row["plan_id"]: "" for row in rows}
+        shard = Shard(table=POSES.table(rows), quarantined=quarantined if number == 0 else ())
+        tasks.append(task_of(f"poses/{part_name(number)}", shard, parameters=told, items=items))
     run.build("render", tasks, layout=RENDER_LAYOUT)
 
 
-def _given(shard: Shard) -> Shard:
-    return shard
+def task_of(
+    name: str, shard: Shard, *, parameters: Mapping[str, Any], items: Mapping[str, str], seed: int | None = 0
+) -> Task:
+    """A task whose shard is made already."""
+    columns = column_types(shard.table.schema)
+    inputs = Inputs(parameters=parameters, columns=columns, items=items, seed=seed)
+    return Task(name=name, inputs=inputs, make=lambda: shard)
 
 
 def explored_with_left_out(data: Path, rows: list[dict[str, Any]], reasons: Sequence[str]) -> None:
     """Stands in for an `explore` that could not run as many episodes as there are reasons."""
     left_out = tuple(Quarantined(item_id=f"plan-e{i:03d}", reason=reason) for i, reason in enumerate(reasons))
     shard = replace(shard_of(rows), quarantined=left_out)
-    inputs = Inputs(parameters=PARAMETERS, items={})
-    task = Task(name=part_name(0), inputs=inputs, make=partial(_given, shard))
+    task = task_of(part_name(0), shard, parameters=PARAMETERS, items={})
     synthetic_run(data).build("explore", [task], layout=LAYOUT)
     rendered(data)

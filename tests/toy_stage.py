@@ -50,6 +50,7 @@ def toy_tasks(
             name=part_name(index),
             inputs=Inputs(
                 parameters={"toy.scale": scale},
+                columns={"item": "string", "values": "list<double>", "blob": "binary"},
                 items={item: f"content of {item}" for item in batch},
                 seed=seed,
             ),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,12 +10,11 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from rendezvous.engine.run import Task, part_name
+from rendezvous.engine.run import part_name
 from rendezvous.errors import SplitError, StoreError
 from rendezvous.schema import PAIRS, POSES, VIEWS
 from rendezvous.splits import SPLITS
 from rendezvous.stages.pack import LAYOUT, pack
-from rendezvous.store.records import Inputs
 from rendezvous.store.write import StageWriter
 
 from tests.synthetic_dataset import (
@@ -32,6 +30,7 @@ from tests.synthetic_dataset import (
     rendered,
     shard_of,
     synthetic_run,
+    task_of,
 )
 
 TABLES = ("pairs", "poses")
@@ -220,8 +219,8 @@ def test_new_images_of_a_plan_make_only_the_file_with_that_plan_again(tmp_path):
 def test_images_of_other_sightings_are_an_error(tmp_path):
     explored(tmp_path)
     again = [[row | {"t_s": 41.0} for row in ROWS[0]], *ROWS[1:]]
-    inputs = Inputs(parameters=PARAMETERS, items={}, seed=1)
-    task = Task(name=part_name(0), inputs=inputs, make=partial(shard_of, [r for rows in again for r in rows]))
+    shard = shard_of([row for rows in again for row in rows])
+    task = task_of(part_name(0), shard, parameters=PARAMETERS, items={}, seed=1)
     synthetic_run(tmp_path).build("explore", [task], layout=LAYOUT)
     with pytest.raises(StoreError, match="its images of 'plan-000' were not taken of the sightings in"):
         pack(synthetic_run(tmp_path))
@@ -285,7 +284,7 @@ def test_images_that_were_never_made_are_an_error(tmp_path):
 
 
 def test_episodes_in_which_nobody_met_are_an_error(tmp_path):
-    task = Task(name=part_name(0), inputs=Inputs(parameters={}, items={}), make=partial(shard_of, []))
+    task = task_of(part_name(0), shard_of([]), parameters={}, items={})
     synthetic_run(tmp_path).build("explore", [task], layout=LAYOUT)
     with pytest.raises(SplitError, match=r"no robots met in any episode; there is nothing to pack$"):
         pack(synthetic_run(tmp_path))

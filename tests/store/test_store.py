@@ -273,9 +273,7 @@ def test_nested_parameters_are_told_by_their_own_keys():
 
 
 def test_an_order_of_items_is_an_input():
-    assert inputs_of("b", "a").changes_since(inputs_of("a", "b")) == [
-        "upstream: the order of the items changed"
-    ]
+    assert inputs_of("b", "a").changes_since(inputs_of("a", "b")) == ["upstream: the order changed"]
     assert inputs_of("b", "a").fingerprint() != inputs_of("a", "b").fingerprint()
 
 

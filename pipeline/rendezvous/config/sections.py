@@ -178,6 +178,15 @@ class TrainingSection(StageSection):
     checkpoint_every_s: Positive
     optimisation: Optimisation
 
+    @model_validator(mode="after")
+    def _check_budget(self) -> Self:
+        if self.minutes is None and self.samples is None:
+            name = self.stage()
+            raise ConfigError(
+                f"{name}.minutes and {name}.samples are both null; one of them must end the training"
+            )
+        return self
+
 
 class TrainSection(TrainingSection):
     """How the frame-error estimator is trained.

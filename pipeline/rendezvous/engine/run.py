@@ -13,6 +13,7 @@ from rich.console import Console
 from rendezvous.config.load import Config
 from rendezvous.engine.pool import Call, Engine, run_calls
 from rendezvous.engine.progress import Meter, meter
+from rendezvous.store.digest import column_types
 from rendezvous.store.parquet import Layout
 from rendezvous.store.read import StageReader
 from rendezvous.store.records import Inputs, Manifest, Shard, ShardRecord
@@ -149,4 +150,9 @@ class _Work:
 
 
 def _make_and_write(writer: StageWriter, task: Task) -> ShardRecord:
-    return writer.write(task.name, task.inputs, task.make())
+    shard = task.make()
+    # A shard is kept as long as its inputs are the same: what it holds must follow from them.
+    assert column_types(shard.table.schema) == dict(task.inputs.columns), (
+        f"{task.name}: columns of its inputs"
+    )
+    return writer.write(task.name, task.inputs, shard)

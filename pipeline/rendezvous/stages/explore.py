@@ -27,6 +27,7 @@ from rendezvous.schema import EXPLORE
 from rendezvous.seeds import stream
 from rendezvous.simulation.robot import RobotSpec
 from rendezvous.stages.dataset.sightings import Scene, sighting_rows
+from rendezvous.store.digest import column_types
 from rendezvous.store.parquet import Layout
 from rendezvous.store.read import Item, StageReader, chunks
 from rendezvous.store.records import Inputs, Manifest, Quarantined, Shard
@@ -47,6 +48,7 @@ def explore(run: Run) -> Manifest:
             inputs=Inputs(
                 parameters=section.parameters(exclude={"plans_per_shard", "robot"})
                 | {"explore.robot": asdict(robot)},
+                columns=column_types(EXPLORE.arrow()),
                 items={item.item_id: item.digest for item in batch},
                 seed=seed,
                 version=VERSION,

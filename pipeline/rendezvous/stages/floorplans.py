@@ -23,6 +23,7 @@ from rendezvous.interop.houseexpo_files import PlanFile, check_source, count_pla
 from rendezvous.plan_schema import FLOORPLANS, PLAN_COLUMNS, plan_row
 from rendezvous.robot_file import load_robot
 from rendezvous.seeds import stream
+from rendezvous.store.digest import column_types
 from rendezvous.store.parquet import Layout
 from rendezvous.store.records import Inputs, Manifest, Quarantined, Shard
 
@@ -115,7 +116,14 @@ def _batches(
         singled = _marked_duplicates(candidates, holders, section.limits, robot_radius_m)
         while batch := tuple(islice(singled, section.plans_per_shard)):
             items = {candidate.name: candidate.same_as or candidate.digest for candidate in batch}
-            yield Inputs(parameters=parameters, items=items, seed=own_seed, version=VERSION), batch
+            inputs = Inputs(
+                parameters=parameters,
+                columns=column_types(FLOORPLANS.arrow()),
+                items=items,
+                seed=own_seed,
+                version=VERSION,
+            )
+            yield inputs, batch
 
 
 def _read_candidates(source: str) -> Iterator[Candidate]:

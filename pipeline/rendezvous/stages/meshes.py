@@ -22,6 +22,7 @@ from rendezvous.seeds import stream
 from rendezvous.simulation.rays import ray_scene
 from rendezvous.simulation.robot import RobotSpec
 from rendezvous.simulation.world import scene_mjcf
+from rendezvous.store.digest import column_types
 from rendezvous.store.parquet import Layout
 from rendezvous.store.read import Item, StageReader, chunks
 from rendezvous.store.records import Inputs, Manifest, Quarantined, Shard
@@ -42,6 +43,7 @@ def meshes(run: Run) -> Manifest:
             inputs=Inputs(
                 parameters=section.parameters(exclude={"plans_per_shard", "robot"})
                 | {"meshes.robot": asdict(robot)},
+                columns=column_types(MESHES.arrow()),
                 items={item.item_id: item.digest for item in batch},
                 seed=seed,
                 version=VERSION,

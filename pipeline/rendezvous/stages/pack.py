@@ -14,10 +14,11 @@ from rendezvous.errors import SplitError, StoreError
 from rendezvous.evaluation.dataset.card import CARD_COLUMNS
 from rendezvous.evaluation.dataset.pose_card import POSE_COLUMNS, VIEW_COLUMNS
 from rendezvous.evaluation.dataset.sampling import SHARD, located_columns
-from rendezvous.schema import SCHEMA_VERSION
+from rendezvous.schema import PAIRS, POSES, SCHEMA_VERSION, TableSchema
 from rendezvous.splits import SPLITS, split_plans
 from rendezvous.stages.dataset.dataset_card import Contents, card_files
 from rendezvous.stages.dataset.published import PackedPlan, pairs_file, poses_file
+from rendezvous.store.digest import column_types
 from rendezvous.store.parquet import Layout
 from rendezvous.store.read import Item, StageReader
 from rendezvous.store.records import Inputs, Manifest, Shard
@@ -51,9 +52,9 @@ def pack(run: Run) -> Manifest:
     )
     tasks = [
         *_tasks(
-            section, "pairs", _sighted_plans(explore, render, contents), partial(pairs_file, explore, render)
+            section, PAIRS, _sighted_plans(explore, render, contents), partial(pairs_file, explore, render)
         ),
-        *_tasks(section, "poses", _posed_plans(render, contents), partial(poses_file, render)),
+        *_tasks(section, POSES, _posed_plans(render, contents), partial(poses_file, render)),
     ]
     card = partial(card_files, run, contents)
     return run.build("pack", tasks, layout=LAYOUT, total=len(tasks), files=card)
@@ -134,7 +135,7 @@ def _plans(items: Iterable[Item], rows: pa.Table, views: Mapping[str, Item]) -> 
 
 def _tasks(
     section: PackSection,
-    table: str,
+    table: TableSchema,
     plans: Sequence[PackedPlan],
     make: Callable[[Sequence[PackedPlan]], Shard],
 ) -> list[Task]:
@@ -145,10 +146,11 @@ def _tasks(
         for number, of_file in enumerate(files):
             inputs = Inputs(
                 parameters=section.parameters(exclude={"rows_per_file"}),
+                columns=column_types(table.arrow()),
                 items={name: digest for plan in of_file for name, digest in plan.digests().items()},
                 version=SCHEMA_VERSION,
             )
-            name = f"{table}/{split}-{number:05d}-of-{len(files):05d}.parquet"
+            name = f"{table.name}/{split}-{number:05d}-of-{len(files):05d}.parquet"
             tasks.append(Task(name=name, inputs=inputs, make=partial(make, tuple(of_file))))
     return tasks
 

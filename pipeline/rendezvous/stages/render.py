@@ -13,9 +13,11 @@ from rendezvous.errors import ConfigError, StoreError
 from rendezvous.rendering.opengl.gl import renderer_name
 from rendezvous.rendering.robot_model import check_inside_cuboid, robot_parts
 from rendezvous.robot_file import load_robot, load_robot_model
+from rendezvous.schema import POSES, VIEWS
 from rendezvous.simulation.robot import RobotSpec
 from rendezvous.stages.dataset.photos import photo_folder
 from rendezvous.stages.dataset.pictures import Setting, poses, views
+from rendezvous.store.digest import column_types
 from rendezvous.store.parquet import Layout
 from rendezvous.store.read import StageReader, chunks
 from rendezvous.store.records import Inputs, Manifest
@@ -81,6 +83,7 @@ def _view_tasks(
             name=f"views/{part_name(index)}",
             inputs=Inputs(
                 parameters={k: v for k, v in section.parameters().items() if k in parameters} | shared,
+                columns=column_types(VIEWS.arrow()),
                 items={item.item_id: item.digest for item in batch}
                 | {f"{item.item_id} (meshes)": item.digest for item in walls},
                 seed=setting.seed,
@@ -101,6 +104,7 @@ def _pose_tasks(setting: Setting, meshes: StageReader, shared: dict[str, Any]) -
                 parameters=section.parameters(exclude={"plans_per_shard", "views", "backgrounds"})
                 | shared
                 | photos,
+                columns=column_types(POSES.arrow()),
                 items={item.item_id: item.digest for item in batch},
                 seed=setting.seed,
                 version=VERSION,

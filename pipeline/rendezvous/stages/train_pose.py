@@ -6,22 +6,18 @@ from pathlib import Path
 
 import safetensors
 import safetensors.torch
-import torch
 from torch import Tensor
 
 from rendezvous.config.sections import TrainPoseSection
 from rendezvous.engine.run import Run
 from rendezvous.errors import ConfigError, StoreError
 from rendezvous.stages.training.calibrate_pose import LEAST_ROWS, calibrate_pose
-from rendezvous.stages.training.train_processes import joined_processes
 from rendezvous.stages.training.train_record import WEIGHTS
-from rendezvous.stages.training.training_run import about_run, begin_in_place, budget_of, fit_and_record, tell
+from rendezvous.stages.training.training_run import about_run, joined_processes, train_in_folder
 from rendezvous.store.disk import Disk
-from rendezvous.training.loop import TrainingState
-from rendezvous.training.processes import Processes
 from rendezvous.training.relative_pose.data import PoseTrainingBatches, validation_samples
 from rendezvous.training.relative_pose.model import POSE_MODEL, PoseModel, build_pose_model
-from rendezvous.training.relative_pose.poses import KIND, PoseTable, poses_per_split, read_poses
+from rendezvous.training.relative_pose.poses import KIND, poses_per_split, read_poses
 from rendezvous.training.relative_pose.validation import PoseValidation
 
 
@@ -40,31 +36,41 @@ def train_pose(run: Run, *, out: Path | None = None, resume: bool = False) -> Pa
         ConfigError: a setting is wrong, or is not what the checkpoint was begun with.
         StoreError: the dataset or the checkpoint is missing or damaged, or the folder holds another run.
     """
-    section, reader = run.config.train_pose, run.read("pack")
+    section, reader, seed = run.config.train_pose, run.read("pack"), run.config.seed
     folder = out or Path(run.config.stages["train_pose"].writes) / POSE_MODEL
-    budget = budget_of(section)
-    with joined_processes() as processes:
-        torch.set_num_threads(max(1, run.workers // processes.on_this_machine))
-        model = _fresh_model(section, seed=run.config.seed)
-        train, validation = (read_poses(reader, split) for split in ("train", "validation"))
-        about = about_run(
+    with joined_processes(run.workers) as processes:
+        model = _fresh_model(section, seed=seed)
+        training, validation = (read_poses(reader, split) for split in ("train", "validation"))
+        samples = validation_samples(validation, section.sampling, seed=seed, count=section.validation_images)
+        train_in_folder(
             run,
             section,
-            {"train": train, "validation": validation},
+            folder,
+            model,
+            about_run(
+                run,
+                section,
+                {"train": training, "validation": validation},
+                rows=KIND,
+                model=POSE_MODEL,
+                network=model.config(),
+                robot=training.robot().as_dict(),
+                sampling=section.sampling,
+            ),
+            PoseTrainingBatches(
+                training,
+                section.sampling,
+                seed=seed,
+                batch_size=section.optimisation.batch_size,
+                rank=processes.rank,
+                processes=processes.count,
+            ),
+            PoseValidation(samples=samples, sampling=section.sampling, device=processes.device),
             rows=KIND,
-            model=POSE_MODEL,
-            network=model.config(),
-            robot=train.robot().as_dict(),
-            sampling=section.sampling,
+            counts=poses_per_split(reader),
+            resume=resume,
+            processes=processes,
         )
-        state = TrainingState.fresh(model.to(processes.device), section.optimisation)
-        begin_in_place(state, Disk(str(folder)), about, resume=resume)
-        if processes.first:
-            counts = poses_per_split(reader)
-            tell(run, about, section, state, processes, rows=KIND, counts=counts)
-        batches = _batches(run, train, processes)
-        measured = _validation(run, validation, processes)
-        fit_and_record(run, section, state, budget, batches, measured, about, folder, processes)
     if processes.first:
         _calibrate(run, len(validation), folder)
     return folder
@@ -104,23 +110,3 @@ def _features(path: str) -> dict[str, Tensor]:
             f"train_pose.initial_features is {path}: {' '.join(str(error).split())}; must be a safetensors "
             "file of torchvision's vgg19: features.0.weight, features.0.bias, ..."
         ) from error
-
-
-def _batches(run: Run, poses: PoseTable, processes: Processes) -> PoseTrainingBatches:
-    section = run.config.train_pose
-    return PoseTrainingBatches(
-        poses,
-        section.sampling,
-        seed=run.config.seed,
-        batch_size=section.optimisation.batch_size,
-        rank=processes.rank,
-        processes=processes.count,
-    )
-
-
-def _validation(run: Run, poses: PoseTable, processes: Processes) -> PoseValidation:
-    section = run.config.train_pose
-    samples = validation_samples(
-        poses, section.sampling, seed=run.config.seed, count=section.validation_images
-    )
-    return PoseValidation(samples=samples, sampling=section.sampling, device=processes.device)

@@ -33,6 +33,20 @@ def item_digests(
     }
 
 
+def column_types(schema: pa.Schema) -> dict[str, str]:
+    """Each column's type by its name, in words that Parquet's round trip does not change."""
+    return {field.name: _type_name(field.type) for field in schema}
+
+
+def _type_name(kind: pa.DataType) -> str:
+    """`_kind` with what is inside: `list<struct<t_s: double, x_m: double>>`."""
+    if pa.types.is_struct(kind):
+        return f"struct<{', '.join(f'{field.name}: {_type_name(field.type)}' for field in kind)}>"
+    if _is_list(kind) or pa.types.is_fixed_size_list(kind):
+        return f"{_kind(kind)}<{_type_name(kind.value_type)}>"
+    return _kind(kind)
+
+
 def _one_array(column: pa.ChunkedArray) -> pa.Array:
     if column.num_chunks == 1:
         return column.chunk(0)

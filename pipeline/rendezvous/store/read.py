@@ -63,18 +63,23 @@ class StageReader:
         """One shard's rows.
 
         Raises:
-            StoreError: the shard is missing or damaged.
+            StoreError: the shard is missing or damaged, or lacks one of the columns.
         """
         disk = Disk(self.root)
+        again = f"{f'`rendezvous {self.stage}`' if self.stage else 'its stage'} makes it again"
         try:
             with disk.filesystem.open_input_file(disk.path(shard)) as source:
-                # In one piece: of a chunked table, pyarrow 26 takes wrong values of nested fixed-size lists.
-                return pq.ParquetFile(source).read(columns=columns).combine_chunks()
+                file = pq.ParquetFile(source)
+                missing = [name for name in columns or () if name not in file.schema_arrow.names]
+                if not missing:
+                    # In one piece: pyarrow 26 takes wrong values of chunked nested fixed-size lists.
+                    return file.read(columns=columns).combine_chunks()
         except (OSError, pa.ArrowInvalid) as error:
             raise StoreError(
-                f"{disk.shown(shard)}: cannot be read ({' '.join(str(error).split())}); "
-                f"{f'`rendezvous {self.stage}`' if self.stage else 'its stage'} makes it again"
+                f"{disk.shown(shard)}: cannot be read ({' '.join(str(error).split())}); {again}"
             ) from error
+        table = shard.split("/")[0] if "/" in shard else self.stage
+        raise StoreError(f"{disk.shown(shard)}: table {table} has no column {missing[0]!r}; {again}")
 
     def rows(
         self,

@@ -44,6 +44,8 @@ class Inputs:
 
     Attributes:
         parameters: by their full key in `stages.yaml`; nested ones are taken apart, tuples become lists.
+        columns: type of each column that is written, by its name (`column_types`); the engine refuses to
+            write others. Empty in records of before they were recorded.
         items: digest of what is read for each item, by the item's id, in the order of making.
         seed: the root seed, or None where the content does not depend on it.
         version: of the stage's own code; raised when a change of code changes what it makes.
@@ -51,6 +53,7 @@ class Inputs:
 
     parameters: Mapping[str, Any]
     items: Mapping[str, str]
+    columns: Mapping[str, str] = field(default_factory=dict)
     seed: int | None = None
     version: int = 1
 
@@ -59,13 +62,15 @@ class Inputs:
         object.__setattr__(self, "parameters", json.loads(json.dumps(dotted(self.parameters))))
 
     def fingerprint(self) -> str:
-        return digest_of([self.version, self.seed, dict(self.parameters), list(self.items.items())])
+        columns = list(self.columns.items())
+        return digest_of([self.version, self.seed, dict(self.parameters), columns, list(self.items.items())])
 
     def differs_in_items_only(self, other: Inputs) -> bool:
         """Whether the same code, parameters and seed, as far as both depend on them, made other items."""
         shared = self.parameters.keys() & other.parameters.keys()
         return (
             self.version == other.version
+            and self.columns == other.columns
             and (None in (self.seed, other.seed) or self.seed == other.seed)
             and all(self.parameters[key] == other.parameters[key] for key in shared)
             and self.items != other.items
@@ -82,17 +87,19 @@ class Inputs:
             before, after = old.parameters.get(key), self.parameters.get(key)
             if before != after:
                 changes.append(f"{key} changed {before} -> {after}")
-        return changes + _item_changes(old.items, self.items)
+        if self.columns and not old.columns:
+            changes.append("its columns were not recorded")
+        else:
+            changes += _changes("columns", old.columns, self.columns)
+        return changes + _changes("upstream", old.items, self.items)
 
 
-def _item_changes(old: Mapping[str, str], new: Mapping[str, str]) -> list[str]:
-    changed = [f"{item} changed" for item in new if item in old and old[item] != new[item]]
-    added = [f"{item} is new" for item in new if item not in old]
-    gone = [f"{item} is gone" for item in old if item not in new]
+def _changes(of: str, old: Mapping[str, str], new: Mapping[str, str]) -> list[str]:
+    changed = [f"{of}: {name} changed" for name in new if name in old and old[name] != new[name]]
+    added = [f"{of}: {name} is new" for name in new if name not in old]
+    gone = [f"{of}: {name} is gone" for name in old if name not in new]
     changes = changed + added + gone
-    if not changes and list(old) != list(new):
-        return ["upstream: the order of the items changed"]
-    return [f"upstream: {change}" for change in changes]
+    return changes if changes or list(old) == list(new) else [f"{of}: the order changed"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -175,14 +182,16 @@ class Manifest:
         return totals
 
     def to_json(self) -> dict[str, Any]:
-        """As written: parameters and versions, equal in most shards, are told once, by their digest."""
+        """As written: what is the same in most shards stands once, and shards name it by its digest."""
         parameters: dict[str, Any] = {}
+        columns: dict[str, Any] = {}
         versions: dict[str, Any] = {}
         shards = []
         for shard in self.shards:
             entry = shard.to_json()
             inputs = entry["inputs"]
             inputs["parameters"] = _tabled(parameters, inputs["parameters"])
+            inputs["columns"] = _tabled(columns, inputs["columns"])
             entry["versions"] = _tabled(versions, entry["versions"])
             shards.append(entry)
         return {
@@ -191,6 +200,7 @@ class Manifest:
             "counts": self.counts(),
             "quarantined": len(self.quarantined),
             "parameters": parameters,
+            "columns": columns,
             "versions": versions,
             "files": [asdict(file) for file in self.files],
             "shards": shards,
@@ -200,7 +210,10 @@ class Manifest:
     def from_json(cls, fields: Mapping[str, Any]) -> Manifest:
         shards = []
         for entry in fields["shards"]:
-            inputs = {**entry["inputs"], "parameters": fields["parameters"][entry["inputs"]["parameters"]]}
+            inputs = dict(entry["inputs"])
+            inputs["parameters"] = fields["parameters"][inputs["parameters"]]
+            if "columns" in inputs:  # older manifests have none
+                inputs["columns"] = fields["columns"][inputs["columns"]]
             versions = fields["versions"][entry["versions"]]
             shards.append(ShardRecord.from_json({**entry, "inputs": inputs, "versions": versions}))
         files = tuple(FileRecord(**entry) for entry in fields["files"])

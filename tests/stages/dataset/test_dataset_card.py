@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,12 +13,12 @@ import pytest
 import yaml
 from pytest import approx
 from rendezvous.config.load import load_config
-from rendezvous.engine.run import Task, part_name
+from rendezvous.engine.run import part_name
 from rendezvous.schema import PAIRS, POSES
 from rendezvous.splits import SPLITS
 from rendezvous.stages.floorplans import floorplans
 from rendezvous.stages.pack import LAYOUT, pack
-from rendezvous.store.records import Inputs, Quarantined
+from rendezvous.store.records import Quarantined
 
 from tests.synthetic_dataset import (
     POSE_ROWS,
@@ -32,6 +31,7 @@ from tests.synthetic_dataset import (
     rendered,
     shard_of,
     synthetic_run,
+    task_of,
 )
 
 
@@ -229,8 +229,7 @@ _ARCHIVED = [f"x/json.tar.gz:json/{i}.json" for i in range(101)]
     ],
 )
 def test_the_card_tells_few_files_by_name_many_by_folder_and_archives_whole(names, sources, tmp_path):
-    inputs = Inputs(parameters={}, items=dict.fromkeys(names, ""))
-    task = Task(name=part_name(0), inputs=inputs, make=partial(shard_of, []))
+    task = task_of(part_name(0), shard_of([]), parameters={}, items=dict.fromkeys(names, ""), seed=None)
     synthetic_run(tmp_path).build("floorplans", [task], layout=LAYOUT)
     explored(tmp_path)
     pack(synthetic_run(tmp_path))

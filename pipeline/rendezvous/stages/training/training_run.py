@@ -1,14 +1,17 @@
-"""What the stages that train have in common: when they end, how they go on, what they say."""
+"""A training run: join its processes, begin or resume it, train until its budget is spent."""
 
 from __future__ import annotations
 
+import os
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import torch
+from torch import distributed as dist
 from torch.utils.data import Dataset
 
 from rendezvous.config.sections import TrainingSection
@@ -25,7 +28,7 @@ from rendezvous.training.processes import Processes
 from rendezvous.training.published_rows import PublishedRows
 
 _DIGITS = 12
-"""Of digests that are told and kept."""
+"""Length to which digests are cut in messages and records."""
 _MAY_CHANGE = (
     "minutes",
     "samples",
@@ -34,22 +37,36 @@ _MAY_CHANGE = (
     "validation_images",
     "checkpoint_every_s",
 )
-"""What may be set otherwise when a run goes on: how long it lasts and how it is watched."""
+"""Parameters that may change when a run is resumed: how long it lasts and how it is watched."""
 
 
-def budget_of(section: TrainingSection) -> Budget:
-    """When training ends.
+@contextmanager
+def joined_processes(threads: int) -> Iterator[Processes]:
+    """This process among those of one training run: alone unless torchrun started it.
 
-    Raises:
-        ConfigError: nothing ends it.
+    Args:
+        threads: processor threads for all processes on this machine.
     """
-    if section.minutes is None and section.samples is None:
-        name = section.stage()
-        raise ConfigError(
-            f"{name}.minutes and {name}.samples are both null; one of them must end the training"
+    local_rank = int(os.environ.get("LOCAL_RANK", "0"))
+    device = torch.device("cuda", local_rank) if torch.cuda.is_available() else torch.device("cpu")
+    if device.type == "cuda":
+        torch.cuda.set_device(device)
+    if "WORLD_SIZE" not in os.environ:
+        torch.set_num_threads(threads)
+        yield Processes(device=device)
+        return
+    on_this_machine = int(os.environ["LOCAL_WORLD_SIZE"])
+    torch.set_num_threads(max(1, threads // on_this_machine))
+    dist.init_process_group("nccl" if device.type == "cuda" else "gloo")
+    try:
+        yield Processes(
+            rank=dist.get_rank(),
+            count=dist.get_world_size(),
+            on_this_machine=on_this_machine,
+            device=device,
         )
-    duration_s = None if section.minutes is None else 60.0 * section.minutes
-    return Budget(samples=section.samples, duration_s=duration_s)
+    finally:
+        dist.destroy_process_group()
 
 
 def about_run(
@@ -61,15 +78,15 @@ def about_run(
     sampling: object,
     **more: Any,
 ) -> dict[str, Any]:
-    """What is trained on what: the part of a checkpoint that does not change.
+    """The model and the data of a run: the part of a checkpoint that never changes.
 
     Args:
-        run: its seed and where the data lies.
-        section: the settings.
-        tables: rows by their split.
-        rows: what these are: `pairs`.
-        sampling: record of how samples are drawn from them.
-        more: the model's name and network, and what else its weights shall tell.
+        run: for its seed and the folder of the data.
+        section: the stage's parameters.
+        tables: rows by split.
+        rows: the table's name, such as `pairs`.
+        sampling: how samples are drawn from them.
+        more: the model's name and network, and anything else to record with its weights.
     """
     return {
         **more,
@@ -88,12 +105,12 @@ def about_run(
     }
 
 
-def begin_in_place(state: TrainingState[Any], disk: Disk, about: Mapping[str, Any], *, resume: bool) -> None:
-    """Bring the state to the folder's checkpoint, if it shall go on from there.
+def _begin_in_place(state: TrainingState[Any], disk: Disk, about: Mapping[str, Any], *, resume: bool) -> None:
+    """Bring the state to the folder's checkpoint, if there is one.
 
     Raises:
-        StoreError: the folder holds a run that shall not go on, or its checkpoint is damaged.
-        ConfigError: the checkpoint was begun with other settings or data.
+        StoreError: there is one, but the run is not to be resumed; or it is damaged.
+        ConfigError: it was begun with other parameters or data.
     """
     where = disk.shown(CHECKPOINT)
     if disk.size(CHECKPOINT) is None:
@@ -110,12 +127,12 @@ def begin_in_place(state: TrainingState[Any], disk: Disk, about: Mapping[str, An
 def _check_same(record: Mapping[str, Any], about: Mapping[str, Any], where: str) -> None:
     begun, now = (
         {
-            **told["parameters"],
-            **{f"network.{key}": value for key, value in told["network"].items()},
-            "seed": told["seed"],
-            "data": told["data"]["digest"][:_DIGITS],
+            **entry["parameters"],
+            **{f"network.{key}": value for key, value in entry["network"].items()},
+            "seed": entry["seed"],
+            "data": entry["data"]["digest"][:_DIGITS],
         }
-        for told in (record, about)
+        for entry in (record, about)
     )
     for key in {**begun, **now}:
         if begun.get(key) != now.get(key):
@@ -125,46 +142,46 @@ def _check_same(record: Mapping[str, Any], about: Mapping[str, Any], where: str)
             )
 
 
-def tell(
+def train_in_folder(
     run: Run,
-    about: Mapping[str, Any],
     section: TrainingSection,
-    state: TrainingState[Any],
-    processes: Processes,
+    folder: Path,
+    model: Model,
+    about: Mapping[str, Any],
+    batches: Dataset[AnyBatch],
+    validation: Validation[Model],
     *,
     rows: str,
     counts: Mapping[str, int],
-) -> None:
-    """Say what is trained, on which data, where, and from when on."""
-    data, name = about["data"], about["model"]
-    seeds = ", ".join(str(seed) for seed in data["seeds"])
-    weights = sum(p.numel() for p in state.model.parameters())
-    run.say(
-        f"train {name}: {weights} weights, seed {run.config.seed}, {processes.count} x "
-        f"{processes.device.type}, {torch.get_num_threads()} threads, {section.optimisation.precision}"
-    )
-    run.say(
-        f"train {name}: {rows} of {data['folder']}: "
-        + ", ".join(f"{count} {split}" for split, count in counts.items())
-        + f"; {data['plans']['train']} plans to train on, made with seed {seeds}, "
-        f"digest {data['digest'][:_DIGITS]}"
-    )
-    if state.step:
-        run.say(f"train {name}: goes on from {state.samples} samples, {state.elapsed_s:.0f} s")
-
-
-def fit_and_record(
-    run: Run,
-    section: TrainingSection,
-    state: TrainingState[Model],
-    budget: Budget,
-    batches: Dataset[AnyBatch],
-    validation: Validation[Model],
-    about: Mapping[str, Any],
-    folder: Path,
+    resume: bool,
     processes: Processes,
 ) -> None:
-    """Train until the budget is spent, with all that is written on the way."""
+    """Train until the budget is spent; checkpoint, weights, curve and events go into the folder.
+
+    Args:
+        run: for its seed, cores and console.
+        section: the stage's parameters.
+        folder: of this training run.
+        model: with its initial weights, on the CPU.
+        about: from `about_run`.
+        batches: training samples.
+        validation: measures the averaged weights.
+        rows: the table's name, for messages.
+        counts: rows of each split, for messages.
+        resume: continue from the folder's checkpoint, if there is one.
+        processes: that share the work.
+
+    Raises:
+        StoreError: the folder holds another run, or its checkpoint is damaged.
+        ConfigError: the checkpoint was begun with other parameters or data.
+    """
+    state = TrainingState.fresh(model.to(processes.device), section.optimisation)
+    _begin_in_place(state, Disk(str(folder)), about, resume=resume)
+    if processes.first:
+        _announce(run, about, section, state, processes, rows=rows, counts=counts)
+    budget = Budget(
+        samples=section.samples, duration_s=None if section.minutes is None else 60.0 * section.minutes
+    )
     loader = training_loader(
         batches,
         first_step=state.step,
@@ -194,6 +211,34 @@ def fit_and_record(
         recorder.finish(state)
 
 
+def _announce(
+    run: Run,
+    about: Mapping[str, Any],
+    section: TrainingSection,
+    state: TrainingState[Any],
+    processes: Processes,
+    *,
+    rows: str,
+    counts: Mapping[str, int],
+) -> None:
+    """Say what is trained, on which data, where, and from which sample on."""
+    data, name = about["data"], about["model"]
+    seeds = ", ".join(str(seed) for seed in data["seeds"])
+    weights = sum(p.numel() for p in state.model.parameters())
+    run.say(
+        f"train {name}: {weights} weights, seed {run.config.seed}, {processes.count} x "
+        f"{processes.device.type}, {torch.get_num_threads()} threads, {section.optimisation.precision}"
+    )
+    run.say(
+        f"train {name}: {rows} of {data['folder']}: "
+        + ", ".join(f"{count} {split}" for split, count in counts.items())
+        + f"; {data['plans']['train']} plans to train on, made with seed {seeds}, "
+        f"digest {data['digest'][:_DIGITS]}"
+    )
+    if state.step:
+        run.say(f"train {name}: goes on from {state.samples} samples, {state.elapsed_s:.0f} s")
+
+
 def _loader_workers(cores: int) -> int:
-    """Processes that draw samples: one keeps a CPU's network busy, a GPU takes as many as there are cores."""
+    """Processes that draw samples: one keeps a CPU's network busy; a GPU takes as many as there are cores."""
     return max(1, cores - 1) if torch.cuda.is_available() else 1
