@@ -27,7 +27,7 @@ from rendezvous.commands.fuse.outputs import write_fused
 from rendezvous.errors import StoreError
 from rendezvous.evaluation.pictures.canvas import encoded_png
 from rendezvous.evaluation.pictures.fusion import fusion_picture
-from rendezvous.fusion.meeting import Meeting
+from rendezvous.fusion.fusion_input import FusionInput
 from rendezvous.fusion.refinement import Refinement, Refiner
 from rendezvous.fusion.sighted_pose import SightedPose
 from rendezvous.fusion.system import fuse_maps
@@ -123,7 +123,7 @@ def _fuse(
         grid_0, grid_1 = (read_map(path, strict=False) for path in maps)
     if estimator is not None:
         _see(sighting.folder, estimator, costs)
-    meeting = Meeting(grid_0=grid_0, grid_1=grid_1, T_m0_r0=sighting.T_m0_r0, T_m1_r1=sighting.T_m1_r1)
+    meeting = FusionInput(grid_0=grid_0, grid_1=grid_1, T_m0_r0=sighting.T_m0_r0, T_m1_r1=sighting.T_m1_r1)
     sighted = SightedPose.given(sighting.T_r0_r1, np.diag(np.square(SIGMA)))
     for refine, refiner in refiners.items():
         refining = f"refine {refine}"

@@ -31,9 +31,9 @@ def test_true_poses_chain_to_the_true_alignment(T_m0_m1: SE2, T_m0_r0: SE2, T_m1
 
 
 @given(poses, poses, poses)
-def test_correcting_by_the_frame_error_restores_the_truth(T_estimated: SE2, T_true: SE2, T_m0_w: SE2):
-    theta_w = frame_error(T_estimated, T_true, T_m0_w)
-    assert_same(corrected(T_estimated, theta_w, T_m0_w), T_true)
+def test_correcting_by_the_frame_error_restores_the_truth(T_estimated: SE2, T_true: SE2, T_m0_v: SE2):
+    theta_v = frame_error(T_estimated, T_true, T_m0_v)
+    assert_same(corrected(T_estimated, theta_v, T_m0_v), T_true)
 
 
 def test_perfect_theta_restores_the_truth_ten_metres_from_the_origin():
@@ -53,9 +53,9 @@ def test_perturbation_is_centred_where_its_estimate_puts_robot_1(T_true: SE2, T_
 @given(poses, poses, errors, headings)
 def test_turning_the_window_conjugates_the_frame_error(T_true: SE2, T_m0_r1: SE2, theta: SE2, turn: float):
     T_estimated, T_m0_c = perturbed(T_true, T_m0_r1, theta)
-    T_c_w = SE2(0.0, 0.0, turn)
-    theta_w = frame_error(T_estimated, T_true, T_m0_c @ T_c_w)
-    assert_same(theta_w, T_c_w.inverse() @ theta @ T_c_w)
+    T_c_v = SE2(0.0, 0.0, turn)
+    theta_v = frame_error(T_estimated, T_true, T_m0_c @ T_c_v)
+    assert_same(theta_v, T_c_v.inverse() @ theta @ T_c_v)
 
 
 @given(poses, errors)

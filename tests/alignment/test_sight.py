@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from rendezvous.alignment.sight import HIDDEN_CELL, OPEN_CELL, ROBOT_CELL, seen_from
+from rendezvous.alignment.sight import HIDDEN_CELL, OPEN_CELL, ROBOT_CELL, RobotSight, seen_from
 from rendezvous.alignment.window import map_window
 from rendezvous.geometry.occupancy_grid import FREE, OCCUPIED, OccupancyGrid
 from rendezvous.geometry.se2 import SE2
@@ -20,7 +20,7 @@ def test_a_wall_hides_what_is_behind_it_and_a_gap_lets_it_be_seen() -> None:
     occupied = np.zeros((cells, cells), bool)
     occupied[:, 100] = True  # a wall at x = 1 m ...
     occupied[76:84, 100] = False  # ... open for |y| < 0.2 m
-    seen = seen_from(occupied, (0.0, 0.0), cell_m=cell_m)
+    seen = seen_from(occupied, (0.0, 0.0), cell_m=cell_m, robot=RobotSight())
     assert seen[_cell(3.0, 0.0, cells=cells, cell_m=cell_m)] == OPEN_CELL  # through the gap
     assert seen[_cell(3.0, 1.2, cells=cells, cell_m=cell_m)] == HIDDEN_CELL  # beside its cone
     assert seen[_cell(0.8, 2.0, cells=cells, cell_m=cell_m)] == OPEN_CELL  # on this side
@@ -32,7 +32,7 @@ def test_what_is_seen_agrees_with_a_segment_to_every_cell() -> None:
     rng = np.random.default_rng(0)
     occupied = maximum_filter(rng.random((80, 80)) < 0.004, 3)
     robot_m, cell_m = (0.42, -0.61), 0.05
-    seen = seen_from(occupied, robot_m, cell_m=cell_m, range_m=1.5)
+    seen = seen_from(occupied, robot_m, cell_m=cell_m, robot=RobotSight(range_m=1.5))
     row, col = np.indices(occupied.shape)
     x_m, y_m = ((col + 0.5 - 40) * cell_m, (row + 0.5 - 40) * cell_m)
     steps = np.linspace(0.0, 1.0, 400)[:, None, None]
@@ -52,25 +52,25 @@ def test_what_is_seen_agrees_with_a_segment_to_every_cell() -> None:
 
 @pytest.mark.parametrize("robot_m", [(5.0, 0.0), (0.0, -2.1), (-40.0, 40.0)])
 def test_a_robot_outside_the_window_marks_nothing(robot_m: tuple[float, float]) -> None:
-    assert not seen_from(np.zeros((80, 80), bool), robot_m, cell_m=0.05).any()
+    assert not seen_from(np.zeros((80, 80), bool), robot_m, cell_m=0.05, robot=RobotSight()).any()
 
 
 def test_a_window_shows_each_robot_in_its_own_map() -> None:
     values = np.full((200, 200), FREE, np.uint8)
     values[:, 150] = OCCUPIED  # at x = 2.5 m in m0
     grid = OccupancyGrid(cells=values, resolution_m=0.05, T_m_g=SE2(-5.0, -5.0, 0.0))
-    T_m0_w = SE2(1.0, 0.5, 0.7)
+    T_m0_v = SE2(1.0, 0.5, 0.7)
     T_m0_r0 = SE2(-0.4, 0.9, 2.0)
-    maps = map_window(grid, grid, SE2.identity(), T_m0_w, cells=128)
-    window = map_window(grid, grid, SE2.identity(), T_m0_w, T_m0_r0=T_m0_r0, cells=128)
+    maps = map_window(grid, grid, SE2.identity(), T_m0_v, cells=128)
+    window = map_window(grid, grid, SE2.identity(), T_m0_v, T_m0_r0=T_m0_r0, cells=128)
     assert maps.sight is None
     assert window.sight is not None
     np.testing.assert_array_equal(window.cells, maps.cells)
-    T_w_r0 = T_m0_w.inverse() @ T_m0_r0
-    for sight, (x_m, y_m) in zip(window.sight, ((T_w_r0.x_m, T_w_r0.y_m), (0.0, 0.0)), strict=True):
+    T_v_r0 = T_m0_v.inverse() @ T_m0_r0
+    for sight, (x_m, y_m) in zip(window.sight, ((T_v_r0.x_m, T_v_r0.y_m), (0.0, 0.0)), strict=True):
         row, col = (np.argwhere(sight == ROBOT_CELL) + 0.5).mean(axis=0)
         assert np.hypot((col - 64) * 0.05 - x_m, (row - 64) * 0.05 - y_m) < 0.05
-    assert window.of_maps_alone().sight is None
+    assert window.without_sight().sight is None
     pooled = window.pooled(2)
     assert pooled.sight is not None
     assert pooled.sight.shape == (2, 64, 64)

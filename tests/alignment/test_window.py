@@ -45,9 +45,9 @@ def test_window_along_the_cells_shows_the_grid_itself():
 
 def test_every_cell_shows_the_grid_at_its_centre_unless_a_wall_was_drawn_over_it():
     grid_0, grid_1 = speckled(1), speckled(2, T_m_g=SE2(-1.0, -2.0, -0.4))
-    T_m0_m1, T_m0_w = SE2(0.4, -0.3, 1.1), SE2(0.2, 0.1, 0.7)
-    window = map_window(grid_0, grid_1, T_m0_m1, T_m0_w, cells=64, cell_m=0.06)
-    p_m0 = T_m0_w @ centres(window)
+    T_m0_m1, T_m0_v = SE2(0.4, -0.3, 1.1), SE2(0.2, 0.1, 0.7)
+    window = map_window(grid_0, grid_1, T_m0_m1, T_m0_v, cells=64, cell_m=0.06)
+    p_m0 = T_m0_v @ centres(window)
     sampled = [grid_0.sample(p_m0), grid_1.sample(T_m0_m1.inverse() @ p_m0)]
     for shown, values in zip(window.cells, sampled, strict=True):
         differs = shown != np.vectorize(WINDOW_VALUE.get)(values)
@@ -60,10 +60,10 @@ def test_every_cell_shows_the_grid_at_its_centre_unless_a_wall_was_drawn_over_it
 @pytest.mark.parametrize("turn_rad", [0.0, 0.3, math.pi / 4, 2.0, -2.9])
 def test_no_wall_is_lost(cell_m: float, turn_rad: float):
     grid = speckled(3)
-    T_m0_w = SE2(0.1, 0.2, turn_rad)
-    window = map_window(grid, grid, SE2.identity(), T_m0_w, cells=int(8.0 / cell_m), cell_m=cell_m)
-    p_w = T_m0_w.inverse() @ grid.cell_centres(grid.occupied())
-    col, row = np.floor(p_w.T / cell_m + window.cells.shape[1] / 2).astype(int)
+    T_m0_v = SE2(0.1, 0.2, turn_rad)
+    window = map_window(grid, grid, SE2.identity(), T_m0_v, cells=int(8.0 / cell_m), cell_m=cell_m)
+    p_v = T_m0_v.inverse() @ grid.cell_centres(grid.occupied())
+    col, row = np.floor(p_v.T / cell_m + window.cells.shape[1] / 2).astype(int)
     assert (window.cells[0, row, col] == OCCUPIED_CELL).all()
 
 

@@ -21,14 +21,14 @@ def assert_near(theta_hat: SE2 | None, theta: SE2, *, within_m: float, within_de
 def test_it_finds_any_frame_error_of_the_papers_range(seed: int):
     rng = np.random.default_rng(seed)
     # Uniform in its components, in the axes of m0; the window turned by any angle.
-    T_c_w = SE2(0.0, 0.0, rng.uniform(-math.pi, math.pi))
+    T_c_v = SE2(0.0, 0.0, rng.uniform(-math.pi, math.pi))
     theta = SE2(*rng.uniform(-2.0, 2.0, 2), rng.uniform(-math.pi / 4, math.pi / 4))
-    theta_w = T_c_w.inverse() @ theta @ T_c_w
-    window = window_with(theta_w, plan=seed % 4, turn_rad=T_c_w.yaw_rad)
+    theta_v = T_c_v.inverse() @ theta @ T_c_v
+    window = window_with(theta_v, plan=seed % 4, turn_rad=T_c_v.yaw_rad)
     estimate = CorrelativeSearch()(window)
-    assert_near(estimate.theta, theta_w, within_m=0.03, within_deg=0.5)
+    assert_near(estimate.theta, theta_v, within_m=0.03, within_deg=0.5)
     assert not estimate.ambiguous
-    assert_near(CorrelativeSearch(subcell=False)(window).theta, theta_w, within_m=0.15, within_deg=1.5)
+    assert_near(CorrelativeSearch(subcell=False)(window).theta, theta_v, within_m=0.15, within_deg=1.5)
 
 
 def test_with_every_heading_it_finds_a_robot_seen_back_to_front():

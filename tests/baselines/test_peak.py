@@ -4,13 +4,14 @@ import numpy as np
 from pytest import approx
 from rendezvous.alignment.frame_error import pose_difference
 from rendezvous.alignment.window import FREE_CELL, OCCUPIED_CELL, MapWindow
-from rendezvous.baselines.peak import Peak, motion_scores, peak_around
+from rendezvous.baselines.correlative import motion_scores, peak_around
 from rendezvous.geometry.se2 import SE2
+from rendezvous.models.posterior import Gaussian
 
 from tests.baselines.windows import window_with
 
 
-def peak(theta: SE2, window: MapWindow, temperature: float = 30.0) -> Peak:
+def peak(theta: SE2, window: MapWindow, temperature: float = 30.0) -> Gaussian:
     return peak_around(
         theta,
         window,

@@ -46,9 +46,9 @@ def _perturbed_window(
     theta: SE2,
     turn_rad: float,
 ) -> MapWindow:
-    T_c_w = SE2(0.0, 0.0, turn_rad)
-    T_estimated, T_m0_c = perturbed(T_m0_m1, T_m0_r1, T_c_w @ theta @ T_c_w.inverse())
-    return map_window(grid_0, grid_1, T_estimated, T_m0_c @ T_c_w)
+    T_c_v = SE2(0.0, 0.0, turn_rad)
+    T_estimated, T_m0_c = perturbed(T_m0_m1, T_m0_r1, T_c_v @ theta @ T_c_v.inverse())
+    return map_window(grid_0, grid_1, T_estimated, T_m0_c @ T_c_v)
 
 
 @cache

@@ -51,7 +51,7 @@ def toy_outcomes(pairs: Sequence[MapPair], *, off: SE2, failing: bool = False) -
         estimate = (
             Estimate(theta=None, reason="a toy")
             if failing
-            else Estimate(theta=sample.theta_w @ off.inverse(), covariance=np.diag([0.01, 0.01, 0.001]))
+            else Estimate(theta=sample.theta_v @ off.inverse(), covariance=np.diag([0.01, 0.01, 0.001]))
         )
         rows.append(outcome(estimate, pair, sample, duration_s=0.01))
     return Outcomes(tuple(rows))

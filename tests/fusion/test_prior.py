@@ -5,7 +5,8 @@ import math
 import numpy as np
 import pytest
 from rendezvous.alignment.frame_error import frame_error, initial_alignment, meeting_point
-from rendezvous.fusion.prior import NARROWEST, WIDEST, SlamSpread, adjoint, frame_error_prior
+from rendezvous.fusion.fusion_input import SlamSpread
+from rendezvous.fusion.prior import NARROWEST, WIDEST, adjoint, frame_error_prior
 from rendezvous.fusion.sighted_pose import OUTLIER_SHARE, SightedMode, SightedPose
 from rendezvous.geometry.se2 import SE2, Array
 
@@ -16,7 +17,7 @@ SHAPE = np.array([[4e-4, 1e-4, 1e-5], [1e-4, 9e-4, -2e-5], [1e-5, -2e-5, 1e-4]])
 
 
 def errors(T_r0_r1_true: SE2, own: Array | None = None) -> SE2:
-    """θ_w of T̃ made of `SEEN` when robot 1 stood elsewhere, and with errors of both robots' own poses."""
+    """θ_v of T̃ made of `SEEN` when robot 1 stood elsewhere, and with errors of both robots' own poses."""
     own_0, own_1 = (SE2.identity(), SE2.identity()) if own is None else (SE2.from_array(e) for e in own)
     T_estimated = initial_alignment(T_M0_R0, SEEN, T_M1_R1)
     T_true = initial_alignment(T_M0_R0 @ own_0, T_r0_r1_true, T_M1_R1 @ own_1)

@@ -8,7 +8,7 @@ from rendezvous.alignment.estimate import Estimate
 from rendezvous.alignment.frame_error import corrected, frame_error, initial_alignment, meeting_point
 from rendezvous.alignment.sight import ROBOT_CELL
 from rendezvous.alignment.window import DEFAULT_SEARCH, MapWindow
-from rendezvous.fusion.meeting import Meeting
+from rendezvous.fusion.fusion_input import FusionInput
 from rendezvous.fusion.prior import FrameErrorPrior
 from rendezvous.fusion.refinement import WINDOW_TURN_RAD, refined
 from rendezvous.geometry.se2 import SE2
@@ -19,10 +19,10 @@ from tests.fusion.grids import drawn_grid
 T_R0_R1 = SE2(0.7, 0.2, 2.0)
 
 
-def looked_at(*, yaw_0: float, yaw_1: float) -> tuple[MapWindow, float, Meeting, SE2]:
+def looked_at(*, yaw_0: float, yaw_1: float) -> tuple[MapWindow, float, FusionInput, SE2]:
     """The window, its yaw in m0, the meeting and T̃; the maps' cells lie at these yaws in m0."""
     T_m0_r0, T_m0_m1 = SE2(0.3, -0.4, 0.5), SE2(1.0, 2.0, 0.7)
-    meeting = Meeting(
+    meeting = FusionInput(
         grid_0=drawn_grid(0, T_m_g=SE2(-1.0, 0.5, yaw_0)),
         grid_1=drawn_grid(1, T_m_g=SE2(0.4, 0.2, yaw_1 - T_m0_m1.yaw_rad)),
         T_m0_r0=T_m0_r0,
@@ -67,19 +67,19 @@ def test_the_window_lies_along_the_cells_of_neither_map(yaw_0: float, between_de
 
 def test_the_window_shows_each_robot_where_it_stood_in_its_own_map():
     window, yaw_rad, meeting, T = looked_at(yaw_0=0.2, yaw_1=1.0)
-    T_m0_w = meeting_point(T, meeting.T_m1_r1) @ SE2(0.0, 0.0, yaw_rad)
+    T_m0_v = meeting_point(T, meeting.T_m1_r1) @ SE2(0.0, 0.0, yaw_rad)
     assert window.sight is not None
     for sight, T_m0_r in zip(window.sight, (meeting.T_m0_r0, T @ meeting.T_m1_r1), strict=True):
-        T_w_r = T_m0_w.inverse() @ T_m0_r
+        T_v_r = T_m0_v.inverse() @ T_m0_r
         row, col = (np.argwhere(sight == ROBOT_CELL) + 0.5).mean(axis=0) - 0.5 * len(sight)
-        assert (col * window.cell_m, row * window.cell_m) == pytest.approx((T_w_r.x_m, T_w_r.y_m), abs=0.05)
+        assert (col * window.cell_m, row * window.cell_m) == pytest.approx((T_v_r.x_m, T_v_r.y_m), abs=0.05)
 
 
 def test_what_an_estimate_leaves_lies_along_the_axes_of_map_0_however_far_it_turns():
-    T_true, T_m0_w, theta = SE2(2.0, -1.0, 1.0), SE2(5.0, 3.0, 0.0), SE2(0.5, -0.3, 0.7)
-    T_initial = T_m0_w @ theta @ T_m0_w.inverse() @ T_true
+    T_true, T_m0_v, theta = SE2(2.0, -1.0, 1.0), SE2(5.0, 3.0, 0.0), SE2(0.5, -0.3, 0.7)
+    T_initial = T_m0_v @ theta @ T_m0_v.inverse() @ T_true
     T_off = SE2(0.1, 0.0, 0.0) @ T_true  # along x of m0
-    theta_hat = frame_error(T_initial, T_off, T_m0_w)
-    assert corrected(T_initial, theta_hat, T_m0_w).as_array() == pytest.approx(T_off.wrapped().as_array())
+    theta_hat = frame_error(T_initial, T_off, T_m0_v)
+    assert corrected(T_initial, theta_hat, T_m0_v).as_array() == pytest.approx(T_off.wrapped().as_array())
     left = (theta_hat.inverse() @ theta).wrapped()
     assert left.as_array() == pytest.approx([0.1, 0.0, 0.0])

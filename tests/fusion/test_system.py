@@ -10,9 +10,9 @@ from rendezvous.alignment.estimate import Estimate
 from rendezvous.alignment.frame_error import frame_error
 from rendezvous.alignment.window import DEFAULT_SEARCH, MapWindow
 from rendezvous.errors import MapError
-from rendezvous.fusion.meeting import Meeting
+from rendezvous.fusion.fusion_input import FusionInput, SlamSpread
 from rendezvous.fusion.merge import merged
-from rendezvous.fusion.prior import FrameErrorPrior, SlamSpread, frame_error_prior
+from rendezvous.fusion.prior import FrameErrorPrior, frame_error_prior
 from rendezvous.fusion.refinement import WINDOW_TURN_RAD, Refiner, correlative_refiner, matcher_refiner
 from rendezvous.fusion.sighted_pose import SightedMode, SightedPose, sighted_pose
 from rendezvous.fusion.system import FusionResult, fuse_maps
@@ -32,9 +32,9 @@ FINE = np.diag([0.03, 0.03, math.radians(3.0)]) ** 2
 ROUGH = np.diag([0.4, 0.4, math.radians(15.0)]) ** 2
 
 
-def meeting(plan: int = 0) -> Meeting:
+def meeting(plan: int = 0) -> FusionInput:
     grid_0, grid_1, _ = cuts(plan)
-    return Meeting(
+    return FusionInput(
         grid_0=grid_0,
         grid_1=grid_1,
         T_m0_r0=T_W_M0.inverse() @ T_W_R0,
@@ -45,7 +45,7 @@ def meeting(plan: int = 0) -> Meeting:
 def off(result: FusionResult) -> tuple[float, float]:
     """Position [m] and heading [rad] by which T̂ is wrong where the robots met."""
     _, _, T_true = cuts(0)
-    left = frame_error(result.T_m0_m1, T_true, result.T_m0_w)
+    left = frame_error(result.T_m0_m1, T_true, result.T_m0_v)
     return math.hypot(left.x_m, left.y_m), abs(left.yaw_rad)
 
 
@@ -136,7 +136,7 @@ def test_a_perfect_answer_in_its_turned_window_gives_the_true_alignment():
     sighting = sighted_pose([pose_of((rough, ROUGH, 0.6), (rough @ SE2(1.0, 0.0, 0.0), ROUGH, 0.4))])
     prior_w = frame_error_prior(sighting, meeting().T_m0_r0, slam=SlamSpread())
     first = fuse_maps(meeting(), sighting, None)
-    theta_w = frame_error(first.T_m0_m1, cuts(0)[2], first.T_m0_w)
+    theta_v = frame_error(first.T_m0_m1, cuts(0)[2], first.T_m0_v)
     spread = np.diag([0.09, 0.01, 0.04])
     turns, windows = [], []
 
@@ -144,7 +144,7 @@ def test_a_perfect_answer_in_its_turned_window_gives_the_true_alignment():
         at_w, at_v = prior_w.modes[1].mean, prior.modes[1].mean
         turns.append(math.atan2(at_w.y_m, at_w.x_m) - math.atan2(at_v.y_m, at_v.x_m))
         R = SE2(0.0, 0.0, turns[0])
-        seen = Estimate(theta=R.inverse() @ theta_w @ R, covariance=R.matrix().T @ spread @ R.matrix())
+        seen = Estimate(theta=R.inverse() @ theta_v @ R, covariance=R.matrix().T @ spread @ R.matrix())
         return answering(seen, windows)(prior)
 
     result = fuse_maps(meeting(), sighting, refiner)

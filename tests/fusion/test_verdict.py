@@ -7,8 +7,9 @@ import pytest
 from rendezvous.alignment.estimate import WRONG_M, WRONG_RAD, Estimate
 from rendezvous.alignment.window import DEFAULT_SEARCH
 from rendezvous.fusion.agreement import MapAgreement
-from rendezvous.fusion.prior import SlamSpread, frame_error_prior
-from rendezvous.fusion.refinement import Refined
+from rendezvous.fusion.fusion_input import SlamSpread
+from rendezvous.fusion.prior import frame_error_prior
+from rendezvous.fusion.refinement import RefinedAlignment
 from rendezvous.fusion.sighted_pose import SightedMode, SightedPose
 from rendezvous.fusion.verdict import alignment_doubts, refinement_doubts, sighting_doubts
 from rendezvous.geometry.se2 import SE2, Array
@@ -28,8 +29,8 @@ def known_to(position_m: float, heading_rad: float) -> Array:
     return np.diag(np.square([position_m, 0.5 * position_m, heading_rad]))
 
 
-def refined_to(theta: SE2, covariance: Array | None = None) -> Refined:
-    return Refined(
+def refined_to(theta: SE2, covariance: Array | None = None) -> RefinedAlignment:
+    return RefinedAlignment(
         estimate=Estimate(theta=theta, covariance=covariance), search=DEFAULT_SEARCH, at_edge=False
     )
 

@@ -35,11 +35,11 @@ def smooth_map(p_m: np.ndarray) -> np.ndarray:
     return np.exp(-((x - 1.0) ** 2) - 2.0 * y**2) - np.exp(-0.5 * (x + 1.5) ** 2 - (y - 2.0) ** 2)
 
 
-def smooth_grid(T_map_w: SE2, *, cells: int = 96) -> Tensor:
+def smooth_grid(T_map_v: SE2, *, cells: int = 96) -> Tensor:
     """(1, 1, H, W): the smooth map at the cells of a window, seen through a pose."""
     along_m = (np.arange(cells) + 0.5 - cells / 2) * CELL_M
     x, y = np.meshgrid(along_m, along_m)
-    return torch.from_numpy(smooth_map(T_map_w @ np.stack([x, y], axis=-1))).float()[None, None]
+    return torch.from_numpy(smooth_map(T_map_v @ np.stack([x, y], axis=-1))).float()[None, None]
 
 
 @pytest.mark.parametrize("theta", FRAME_ERRORS)

@@ -30,8 +30,8 @@ def rooms(rng: np.random.Generator, *, cells: int = 160, resolution_m: float = 0
 
 def misplaced(grid: OccupancyGrid, theta: SE2, *, cells: int, cell_m: float) -> MapWindow:
     """The window on a map and the same map misplaced by a frame error."""
-    T_m0_m1, T_m0_w = perturbed(SE2.identity(), SE2(0.4, -0.7, 0.0), theta)
-    return map_window(grid, grid, T_m0_m1, T_m0_w, cells=cells, cell_m=cell_m)
+    T_m0_m1, T_m0_v = perturbed(SE2.identity(), SE2(0.4, -0.7, 0.0), theta)
+    return map_window(grid, grid, T_m0_m1, T_m0_v, cells=cells, cell_m=cell_m)
 
 
 def batch(count: int, *, cells: int, cell_m: float, seed: int = 0) -> tuple[Tensor, Tensor]:

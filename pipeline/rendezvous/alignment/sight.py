@@ -1,12 +1,13 @@
-"""What lies open before a robot: a place from which another robot was seen has no wall before it.
+"""Lines of sight in a map: no wall stands between two robots of which one sees the other.
 
-Of a sighting each map knows where its own robot stood. In the right alignment the two robots stand where
-nothing is, and neither map has a wall between them.
+Each map knows where its own robot stood at the sighting. In the right alignment both robots stand on free
+floor, and neither map has a wall between them.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -14,34 +15,36 @@ from rendezvous.compiled import njit
 from rendezvous.geometry.occupancy_grid import Cells, Mask
 
 HIDDEN_CELL, OPEN_CELL, ROBOT_CELL = 0, 1, 2
-"""Values of cells: behind a wall or far away; in sight of the robot; under it."""
-
-RANGE_M = 5.0
-"""As far as robots are seen."""
-ROBOT_RADIUS_M = 0.1
+"""Values of cells: behind a wall or out of range; in sight of the robot; under the robot."""
 
 
-def seen_from(
-    occupied: Mask, robot_m: tuple[float, float], *, cell_m: float, range_m: float = RANGE_M
-) -> Cells:
-    """(N, N) uint8: the robot, and the cells to which it has a line of sight, known or not.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RobotSight:
+    """How far a robot sees, and how large it is; the defaults are those of the shipped weights' training."""
+
+    range_m: float = 5.0
+    radius_m: float = 0.1
+
+
+def seen_from(occupied: Mask, robot_m: tuple[float, float], *, cell_m: float, robot: RobotSight) -> Cells:
+    """(N, N) uint8: ROBOT_CELL under the robot, OPEN_CELL where it has a line of sight, known or not.
 
     Args:
-        occupied: (N, N) what stops the eye, in a window's cells.
+        occupied: (N, N) the cells of a window that block sight.
         robot_m: x, y in the window frame [m]; outside the window nothing is marked.
         cell_m: side of a cell [m].
-        range_m: how far the robot sees [m].
+        robot: its range and radius.
     """
     out = np.zeros(occupied.shape, np.uint8)
     half = 0.5 * len(occupied)
     col, row = robot_m[0] / cell_m + half, robot_m[1] / cell_m + half
-    _look_in_place(out, occupied, col, row, range_m / cell_m, ROBOT_RADIUS_M / cell_m)
+    _look_in_place(out, occupied, col, row, robot.range_m / cell_m, robot.radius_m / cell_m)
     return out
 
 
 @njit
 def _look_in_place(out: Cells, occupied: Mask, col: float, row: float, reach: float, radius: float) -> None:
-    """Rays to all sides in half-cell steps; their ends lie less than a cell apart."""
+    """Cast rays in all directions in steps of half a cell; their ends lie less than a cell apart."""
     size = out.shape[0]
     if not (0.0 <= col < size and 0.0 <= row < size):
         return

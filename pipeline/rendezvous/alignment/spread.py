@@ -1,8 +1,8 @@
-"""Errors against what a method says of their spread: a covariance, of a normal or a Student's t distribution.
+"""Errors against the spread that a method claims: a covariance, of a normal or a Student's t distribution.
 
-A t distribution of few degrees of freedom has heavy tails: many errors are small, some are several times as
-large. Here its covariance is its second moment, as for any distribution (not its scale matrix, which is
-(ν - 2) / ν of it), so that whoever does not care about tails can use the covariance as it is.
+A t distribution with few degrees of freedom has heavy tails: most errors are small, some several times as
+large. Its covariance here is its second moment, as for any distribution, not its scale matrix (which is
+(ν - 2) / ν of it), so that the covariance can be used as it is by whoever ignores tails.
 """
 
 from __future__ import annotations
@@ -33,11 +33,11 @@ def nees(error: Array, covariance: Array) -> Array:
 
 
 def ellipsoid_probability(nees_N: Array, degrees_of_freedom_N: Array) -> Array:
-    """(N,) probability of the smallest ellipsoid that holds each error; uniform on [0, 1] if all is right.
+    """(N,) probability of the smallest ellipsoid around each error; uniform on [0, 1] if the spread is right.
 
     Args:
         nees_N: of the errors.
-        degrees_of_freedom_N: of the t distributions, more than 2; infinite: normal.
+        degrees_of_freedom_N: of the t distributions, more than 2; infinite for normal ones.
     """
     normal = np.isinf(degrees_of_freedom_N)
     nu = np.where(normal, 3.0, degrees_of_freedom_N)
@@ -46,11 +46,10 @@ def ellipsoid_probability(nees_N: Array, degrees_of_freedom_N: Array) -> Array:
 
 
 def log_density(error: Array, covariance: Array, degrees_of_freedom_N: Array) -> Array:
-    """(N,) log density of errors (N, 3) under those distributions [1 / (m² rad)]; -inf for a singular one.
+    """(N,) log density [1 / (m² rad)] of errors (N, 3), x [m], y [m], yaw [rad]; -inf where Σ is singular.
 
     Args:
-        error: x [m], y [m], yaw [rad].
-        covariance: (N, 3, 3) of each.
+        error, covariance: as for `nees`.
         degrees_of_freedom_N: as for `ellipsoid_probability`.
     """
     distance = nees(error, covariance)

@@ -29,7 +29,7 @@ class Agreement:
         """Intersection over union in [0, 1]; None for two maps without occupied cells.
 
         A cell with a partner within the tolerance is in both maps: the intersection is
-        `(near_a + near_b) / 2`, the union all cells less that. With tolerance 0, on one grid, it is the
+        `(near_a + near_b) / 2`, the union all cells less that. With tolerance 0 on one grid this is the
         intersection over union of the two sets of cells. Maps of different resolution count cells of
         different size; compare those by `share_a` and `share_b`.
         """
@@ -49,10 +49,10 @@ class Agreement:
 
 
 def agreement(grid_a: OccupancyGrid, grid_b: OccupancyGrid, tolerance_m: float) -> Agreement:
-    """Compares the occupied cells of two maps of the same frame, of any size, resolution and origin.
+    """Compare the occupied cells of two maps in one frame, of any size, resolution and origin.
 
-    A cell stands for its centre; distances are between centres. A tolerance of one cell's side takes the
-    four neighbours of a cell, not the diagonal ones.
+    Distances are between centres of cells: a tolerance of one cell's side reaches a cell's four neighbours, not
+    the diagonal ones.
     """
     walls_a, walls_b = grid_a.cell_centres(grid_a.occupied()), grid_b.cell_centres(grid_b.occupied())
     return Agreement(
@@ -65,16 +65,15 @@ def agreement(grid_a: OccupancyGrid, grid_b: OccupancyGrid, tolerance_m: float) 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MapAgreement:
-    """How two maps agree where both are known.
+    """How two maps agree where both are known; each figure counts cells of both maps.
 
     Attributes:
-        wall_share: of the occupied cells inside the other map's known area, both ways, the share within the
-            tolerance of an occupied cell of it; None where there are none.
-        conflict_share: of the cells inside the other map's known area, both ways, the share where one map
-            says occupied and the other free; None where nothing is known in both. It is 1 minus the
-            acceptance index of Carpin (2008).
-        compared: occupied cells that `wall_share` is about.
-        known_in_both: cells that `conflict_share` is about.
+        wall_share: of the occupied cells in the other map's known area, the share within the tolerance of an
+            occupied cell there; None where there are none.
+        conflict_share: of the cells in the other map's known area, the share where one map says occupied and
+            the other free: 1 minus the acceptance index of Carpin (2008). None where nothing is known in both.
+        compared: number of cells behind `wall_share`.
+        known_in_both: number of cells behind `conflict_share`.
     """
 
     wall_share: float | None
@@ -86,7 +85,7 @@ class MapAgreement:
 def map_agreement(
     grid_0: OccupancyGrid, grid_1: OccupancyGrid, T_m0_m1: SE2, *, tolerance_m: float = 0.10
 ) -> MapAgreement:
-    """Compares two maps where both are known, with map 1 placed by `T_m0_m1`; the same from either map."""
+    """Compare two maps where both are known, with map 1 placed by `T_m0_m1`; symmetric in the maps."""
     walls = wall_agreement(grid_0, grid_1, T_m0_m1, tolerance_m=tolerance_m)
     there = _conflicts(grid_0, grid_1, T_m0_m1.inverse())
     back = _conflicts(grid_1, grid_0, T_m0_m1)
@@ -100,7 +99,7 @@ def map_agreement(
 
 
 def _conflicts(grid_a: OccupancyGrid, grid_b: OccupancyGrid, T_b_a: SE2) -> tuple[int, int]:
-    """Cells of a that are known in b too, and those of them on whose state the maps differ."""
+    """Number of a's cells that are known in both maps, and of those on which the maps contradict each other."""
     known_a = grid_a.known()
     values_a = grid_a.cells[known_a]
     values_b = grid_b.sample(T_b_a @ grid_a.cell_centres(known_a))

@@ -1,13 +1,13 @@
 """Two maps made one, once the transform between them is known.
 
 `merged` is Algorithm 1 of the paper (Kim, Han & Zhang, 2023): whatever either map calls occupied is occupied.
-No wall is lost, so it is the map to plan on; but what moved, or was seen wrongly, stays as well.
-`probabilistically_merged` weighs the maps against each other instead: a wall that the other map saw through
-is no longer certain. It removes such ghosts, and with them the parts of a thin wall that the two maps draw
-more than a cell apart: use it where the alignment is good to a cell, or to see where maps contradict.
+No wall is lost, so it is the map to plan on; but whatever moved or was mapped wrongly stays as well.
+`probabilistically_merged` weighs the maps against each other instead: a wall that the other map saw through is
+no longer certain. It removes such ghosts, and with them the parts of a thin wall that the two maps draw more
+than a cell apart: use it where the alignment is good to a cell, or to see where maps contradict each other.
 
 Both lay the maps on one common grid. It has the axes of m0 (yaw 0, whatever the yaw of the grids' origins),
-the finer of both resolutions, a cell corner on the origin of grid 0, and covers both maps wholly.
+the finer of the two resolutions, a cell corner on the origin of grid 0, and covers both maps wholly.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import expit
 
-from rendezvous.compiled import njit
+from rendezvous.alignment.resampling import resampled
 from rendezvous.errors import MapError, require_within
-from rendezvous.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN, Cells, OccupancyGrid
+from rendezvous.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from rendezvous.geometry.se2 import SE2, Array
 
 MAX_CELLS = 100_000_000
@@ -70,17 +70,17 @@ def merged(grid_0: OccupancyGrid, grid_1: OccupancyGrid, T_m0_m1: SE2) -> Occupa
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CellEvidence:
-    """What a cell of a trinary map says, and what is made of it.
+    """How the cells of trinary maps are weighed.
 
-    The defaults treat both statements alike: two maps that contradict leave 0.5, which is unknown; two that
-    agree leave 0.97 or 0.03. A larger `occupied_probability` makes a wall win over free space: with 0.95,
+    The defaults treat both states alike: two maps that contradict each other leave 0.5, which is unknown; two
+    that agree leave 0.97 or 0.03. A larger `occupied_probability` makes a wall win over free space: with 0.95,
     'occupied in one, free in the other' is 0.77, occupied.
 
     Attributes:
-        occupied_probability: that a cell is occupied if one map says so.
+        occupied_probability: that a cell is occupied if one map calls it occupied.
         free_probability: that a cell is occupied although one map calls it free.
         trust_0, trust_1: factors of each map's log-odds; 0 ignores that map.
-        occupied_above, free_below: thresholds on the fused probability, as ROS has them.
+        occupied_above, free_below: thresholds on the fused probability, as in ROS.
     """
 
     occupied_probability: float = 0.85
@@ -94,6 +94,13 @@ class CellEvidence:
         require_within(self, occupied_probability=(0.5, 0.999), free_probability=(0.001, 0.5))
         require_within(self, trust_0=(0.0, 100.0), trust_1=(0.0, 100.0))
         require_within(self, occupied_above=(self.free_below, 1.0), free_below=(0.0, 1.0))
+
+    def log_odds(self) -> NDArray[np.float32]:
+        """(256,) log-odds of being occupied, indexed by a cell's value."""
+        values = np.zeros(256, np.float32)
+        for value, probability in ((OCCUPIED, self.occupied_probability), (FREE, self.free_probability)):
+            values[value] = math.log(probability / (1.0 - probability))
+        return values
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -119,14 +126,14 @@ def probabilistically_merged(
 
     Args:
         grid_0, grid_1, T_m0_m1: as for `merged`.
-        evidence: what a cell says; by default `CellEvidence()`.
+        evidence: weights of the cells; by default `CellEvidence()`.
 
     Raises:
         MapError: the map would have more than `MAX_CELLS` cells.
     """
     evidence = evidence or CellEvidence()
     first, second = on_common_grid(grid_0, grid_1, T_m0_m1)
-    values = _log_odds_of_values(evidence)
+    values = evidence.log_odds()
     log_odds = evidence.trust_0 * values[first.cells] + evidence.trust_1 * values[second.cells]
     probability = expit(log_odds)
     known = (first.cells != UNKNOWN) | (second.cells != UNKNOWN)
@@ -137,24 +144,10 @@ def probabilistically_merged(
     return ProbabilisticMerge(grid=grid, occupied_probability=probability)
 
 
-def _log_odds_of_values(evidence: CellEvidence) -> NDArray[np.float32]:
-    """(256,) log-odds of being occupied by a cell's value."""
-    log_odds = np.zeros(256, np.float32)
-    for value, probability in (
-        (OCCUPIED, evidence.occupied_probability),
-        (FREE, evidence.free_probability),
-    ):
-        log_odds[value] = math.log(probability / (1.0 - probability))
-    return log_odds
-
-
 def on_common_grid(
     grid_0: OccupancyGrid, grid_1: OccupancyGrid, T_m0_m1: SE2
 ) -> tuple[OccupancyGrid, OccupancyGrid]:
-    """Both maps in m0 on one grid that covers them wholly.
-
-    Each cell takes the source cell that its centre lies in, unknown outside. A turned wall of one cell can
-    slip between all centres, so every occupied source cell also marks the cell that its own centre lies in.
+    """Both maps in m0 on one grid that covers them wholly, drawn as `resampled` does.
 
     Raises:
         MapError: the grid would have more than `MAX_CELLS` cells.
@@ -164,7 +157,7 @@ def on_common_grid(
     corners_m = np.vstack([_corners(grid_0, grid_0.T_m_g), _corners(grid_1, T_m0_g1)])
     origin_m = grid_0.T_m_g.as_array()[:2]
     corners = (corners_m - origin_m) / resolution_m
-    # Plain floats overflow to infinity without a warning.
+    # Python floats overflow to infinity without a warning.
     first_col, first_row = np.floor(corners.min(axis=0) + EDGE_CELLS).tolist()
     last_col, last_row = np.ceil(corners.max(axis=0) - EDGE_CELLS).tolist()
     width, height = last_col - first_col, last_row - first_row
@@ -174,17 +167,17 @@ def on_common_grid(
             f"most {MAX_CELLS:,}; map 1 lies at x {T_m0_m1.x_m:g} m, y {T_m0_m1.y_m:g} m in map 0: are the "
             "poses, origins and resolutions right?"
         )
-    T_m0_g = SE2(
-        float(origin_m[0] + first_col * resolution_m), float(origin_m[1] + first_row * resolution_m), 0.0
-    )
-    shape = int(height), int(width)
+    x_m, y_m = (origin_m + resolution_m * np.array([first_col, first_row])).tolist()
+    T_m0_g = SE2(x_m, y_m, 0.0)
     first, second = (
         OccupancyGrid(
-            cells=_resampled(
+            cells=resampled(
                 grid.cells,
                 (T_m0_source.inverse() @ T_m0_g).as_array(),
-                np.array([grid.resolution_m, resolution_m]),
-                shape,
+                grid.resolution_m,
+                resolution_m,
+                0.0,
+                (int(height), int(width)),
             ),
             resolution_m=resolution_m,
             T_m_g=T_m0_g,
@@ -198,35 +191,3 @@ def _corners(grid: OccupancyGrid, T_m0_g: SE2) -> Array:
     """(4, 2) [m] outer corners of a grid in m0."""
     height_m, width_m = (cells * grid.resolution_m for cells in grid.cells.shape)
     return T_m0_g @ np.array([[0.0, 0.0], [width_m, 0.0], [width_m, height_m], [0.0, height_m]])
-
-
-@njit
-def _resampled(source: Cells, T_s_g: Array, resolutions_m: Array, shape: tuple[int, int]) -> Cells:
-    """(H, W) the source's cells on another grid g, whose pose in the source's corner frame s is given.
-
-    resolutions_m: those of the source and of g.
-    """
-    source_m, cell_m = resolutions_m
-    c, s = math.cos(T_s_g[2]), math.sin(T_s_g[2])
-    cells = np.full(shape, UNKNOWN, np.uint8)
-    # In source cells: where the centre of g's cell (0, 0) lies, and one step of a column.
-    ux, uy = c * cell_m / source_m, s * cell_m / source_m
-    x0 = T_s_g[0] / source_m + 0.5 * (ux - uy)
-    y0 = T_s_g[1] / source_m + 0.5 * (uy + ux)
-    for row in range(shape[0]):
-        for col in range(shape[1]):
-            col_s = math.floor(x0 + ux * col - uy * row)
-            row_s = math.floor(y0 + uy * col + ux * row)
-            if 0 <= row_s < source.shape[0] and 0 <= col_s < source.shape[1]:
-                cells[row, col] = source[row_s, col_s]
-    for row_s in range(source.shape[0]):
-        for col_s in range(source.shape[1]):
-            if source[row_s, col_s] == OCCUPIED:
-                x_m = (col_s + 0.5) * source_m - T_s_g[0]
-                y_m = (row_s + 0.5) * source_m - T_s_g[1]
-                row = math.floor((c * y_m - s * x_m) / cell_m)
-                col = math.floor((c * x_m + s * y_m) / cell_m)
-                # Outside only where an origin is so far off that doubles no longer resolve cells.
-                if 0 <= row < shape[0] and 0 <= col < shape[1]:
-                    cells[row, col] = OCCUPIED
-    return cells

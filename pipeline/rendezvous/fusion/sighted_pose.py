@@ -1,8 +1,8 @@
-"""Where robot 0 saw robot 1: estimates from one image or several, made one.
+"""Where robot 0 saw robot 1: the estimates from all images of one sighting, combined.
 
-Several images of one sighting are multiplied: each tells its modes and, with a small share, nothing at all
-(the robot was mistaken, or something else was). So images that contradict each other leave several modes,
-one without each of them, instead of a mean that none of them supports.
+The images' estimates are multiplied. Each image gives its modes and, with a small share, no information (the
+robot was mistaken, or something else was seen). So images that contradict each other leave several modes, one
+without each of them, instead of a mean that none of them supports.
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ from rendezvous.geometry.se2 import SE2, Array
 from rendezvous.pose_estimation.pose_estimate import RelativePose
 
 OUTLIER_SHARE = 0.02
-"""Of estimates from an image, those that are of something else. A guess on the safe side: calibrated
-detections are to be wrong in less than 1 %."""
+"""Share of images whose estimate is of something else. A guess on the safe side: calibrated detections are wrong
+in less than 1 %."""
 
 OUTLIER_DENSITY = 1.0 / 75.0
-"""Where such an estimate is wrong, it may be anywhere in view [1 / (m² rad)]: 12 m² (as a camera of 55° sees
-up to 5 m), any heading."""
+"""Density of such an estimate [1 / (m² rad)]: anywhere in 12 m² (what a camera of 55° sees up to 5 m), any
+heading."""
 
 MOST_MODES = 16
-"""Of a product, no more are kept."""
+"""Most modes kept of a product."""
 
 NEGLIGIBLE_MASS = 1e-4
 
@@ -36,13 +36,13 @@ class SightedMode:
     """One way to read a sighting.
 
     Attributes:
-        T_r0_r1: θ_relative, where robot 1 stood as robot 0 saw it.
+        T_r0_r1: θ_relative, robot 1's pose seen from robot 0.
         covariance: (3, 3) of the components x [m], y [m], yaw [rad] of `T_r0_r1⁻¹ T_r0_r1_true`; None if
-            nothing is known of it.
+            unknown.
         mass: its probability, in (0, 1].
-        images: numbers of the images that it rests on.
-        degrees_of_freedom: of the Student's t distribution that has this covariance, more than 2; infinite:
-            normal.
+        images: numbers of the images that support it.
+        degrees_of_freedom: of the Student's t distribution with this covariance, more than 2; infinite for a
+            normal one.
     """
 
     T_r0_r1: SE2
@@ -54,11 +54,11 @@ class SightedMode:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SightedPose:
-    """What is known of where robot 1 stood.
+    """The relative pose of robot 1 according to one sighting.
 
     Attributes:
         modes: the most probable first, at least one.
-        score: of the detection, in [0, 1]: the best of the images that the first mode rests on; None of a
+        score: of the detection, in [0, 1]: the best among the images that support the first mode; None for a
             sighting without images.
         found_in: numbers of the images in which the robot was found.
     """
@@ -79,12 +79,12 @@ class SightedPose:
 
     @staticmethod
     def given(T_r0_r1: SE2, covariance: Array | None = None) -> SightedPose:
-        """Of a relative pose that is known by other means."""
+        """A relative pose that is known by other means than images."""
         return SightedPose(modes=(SightedMode(T_r0_r1=T_r0_r1, covariance=covariance, mass=1.0),))
 
 
 def sighted_pose(poses: Sequence[RelativePose]) -> SightedPose:
-    """One sighting from the estimates of all its images, whose errors are taken as independent.
+    """Combine the estimates from all images of one sighting, whose errors are taken as independent.
 
     Raises:
         SightingError: the robot is found in none of the images.
@@ -106,10 +106,10 @@ def sighted_pose(poses: Sequence[RelativePose]) -> SightedPose:
 def _times(
     product: list[SightedMode], all_mistaken: float, number: int, pose: RelativePose
 ) -> tuple[list[SightedMode], float]:
-    """Earlier images times one more: the modes, the most probable first, their masses with a sum of 1.
+    """Earlier images times one more: the modes, the most probable first, with masses that sum to 1.
 
-    `all_mistaken` is the mass of no image telling anything, on the scale of those masses, before and after:
-    were masses not normalised after every image, those of some dozens would overflow.
+    `all_mistaken`, before and after, is the mass of the case that every image is mistaken, on the scale of those
+    masses. Masses are normalised after every image: those of some dozens would overflow.
     """
     read = [
         SightedMode(
@@ -134,23 +134,23 @@ def _times(
 
 
 def _product(a: SightedMode, b: SightedMode, sure: float) -> SightedMode:
-    """Two normal distributions multiplied; the mass is that of both agreeing so well.
+    """The product of two normal distributions; its mass is the probability of both agreeing so well.
 
     With `x` the components of `T_a⁻¹ T`, those of `T_b⁻¹ T` are `J (x - d)`, with d the components of
-    `T_a⁻¹ T_b`: the product is exactly normal in x, headings being close. Of t distributions that is near
-    where both are dense; the tails of their product fall as those of one with `ν_a + ν_b + 3` degrees of
-    freedom do.
+    `T_a⁻¹ T_b`: for close headings the product is exactly normal in x. For t distributions this is nearly true
+    where both are dense; the tails of their product fall like those of one with `ν_a + ν_b + 3` degrees of
+    freedom.
     """
     assert a.covariance is not None
     assert b.covariance is not None
     T_a_b = (a.T_r0_r1.inverse() @ b.T_r0_r1).wrapped()
-    d, R = T_a_b.as_array(), _turn(T_a_b.yaw_rad)
+    d, R = T_a_b.as_array(), SE2(0.0, 0.0, T_a_b.yaw_rad).matrix()
     covariance_b = R @ b.covariance @ R.T
     together = a.covariance + covariance_b
     gain = a.covariance @ np.linalg.inv(together)
     x = gain @ d
     covariance = a.covariance - gain @ a.covariance
-    back = _turn(-float(x[2]))
+    back = SE2(0.0, 0.0, -float(x[2])).matrix()
     log_density = -0.5 * (d @ np.linalg.solve(together, d) + np.linalg.slogdet(2.0 * math.pi * together)[1])
     return SightedMode(
         T_r0_r1=(a.T_r0_r1 @ SE2.from_array(x)).wrapped(),
@@ -159,8 +159,3 @@ def _product(a: SightedMode, b: SightedMode, sure: float) -> SightedMode:
         images=(*a.images, *b.images),
         degrees_of_freedom=a.degrees_of_freedom + b.degrees_of_freedom + 3.0,
     )
-
-
-def _turn(yaw_rad: float) -> Array:
-    """(3, 3) that turns the components x and y."""
-    return SE2(0.0, 0.0, yaw_rad).matrix()

@@ -1,4 +1,4 @@
-"""Whether a fused map is to be trusted, and if not, why."""
+"""Whether to trust a fused map, and if not, why."""
 
 from __future__ import annotations
 
@@ -9,66 +9,68 @@ import numpy as np
 
 from rendezvous.alignment.estimate import WRONG_M, WRONG_RAD, Estimate
 from rendezvous.fusion.agreement import MapAgreement
-from rendezvous.fusion.meeting import Meeting
+from rendezvous.fusion.fusion_input import FusionInput
 from rendezvous.fusion.prior import FrameErrorPrior
-from rendezvous.fusion.refinement import Refined
+from rendezvous.fusion.refinement import RefinedAlignment
 from rendezvous.fusion.sighted_pose import SightedPose
 from rendezvous.geometry.occupancy_grid import UNKNOWN
 from rendezvous.geometry.se2 import Array
 
 AROUND_ROBOT_M = 0.25
-"""A map knows something so close to its robot: the floor that it stands on."""
+"""A map knows at least something this close to its robot: the floor that it stands on."""
 
 LEAST_SCORE = 0.5
-"""Detections that score less are as likely something else: the score is fitted to be a probability."""
+"""A detection that scores less is as likely something else: the score is calibrated as a probability."""
 
-LEAST_MASS = 0.9
-"""Unrefined, the best reading of a sighting must be this probable: a wrong one spoils the map."""
+LEAST_BEST_MASS = 0.9
+"""Without refinement, the best mode of a sighting must be this probable: a wrong one spoils the map."""
 
-SIGMAS = 2.0
-"""An error of so many standard deviations, which one in twenty exceeds, must not be a wrong estimate's."""
+VERDICT_SIGMAS = 2.0
+"""One error in twenty exceeds two standard deviations; an error of that size must not make the estimate
+wrong."""
 
 SURPRISING = 0.999
-"""An estimate this improbable by the sighting is wrong, or the sighting is: by chance one in a thousand."""
+"""An estimate this improbable by the sighting means that one of them is wrong: by chance it happens once
+in a thousand."""
 
 LEAST_COMPARED = 30
-"""Occupied cells (of 5 cm: 1.5 m of wall in either map) below which agreement tells nothing."""
+"""Occupied cells (of 5 cm: 1.5 m of wall in either map) below which agreement proves nothing."""
 
 LEAST_WALL_SHARE = 0.6
-"""Refined maps of validation pairs that lie right agree on more of the walls that they share: 0.77 and up."""
+"""Correctly refined maps of validation pairs agree on more of the walls that they share: 0.77 and up."""
 
 MOST_CONFLICTS = 0.08
-"""Cells, of those known in both maps, that are occupied in one and free in the other: 0.07 at most where such
-maps lie right, 0.07 at least where they lie wrong."""
+"""Share of the cells known in both maps that are occupied in one and free in the other: at most 0.07 in
+such correct alignments, at least 0.07 in wrong ones."""
 
 AGREEMENT_MARGIN = 0.05
-"""Agreement that falls by less than this in refinement has not changed: cells round."""
+"""A fall in agreement by less than this is rounding to cells."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Verdict:
-    """Whether a fused map is to be trusted.
+    """Whether to trust a fused map.
 
     Attributes:
-        reasons: why it is uncertain; none if it is accepted.
+        reasons: why it is uncertain; empty if it is accepted.
     """
 
     reasons: tuple[str, ...] = ()
 
     @property
     def accepted(self) -> bool:
-        """Whether nothing speaks against the map."""
+        """Whether there is no doubt about the map."""
         return not self.reasons
 
     def __str__(self) -> str:
         return "accepted" if self.accepted else f"uncertain: {'; '.join(self.reasons)}"
 
 
-def pose_doubts(meeting: Meeting) -> list[str]:
-    """What speaks against the robots' own poses: a robot's map knows the place where it stands."""
+def pose_doubts(given: FusionInput) -> list[str]:
+    """Doubts about the robots' own poses: a map must know the place where its robot stands."""
     doubts = []
     for number, (grid, T_m_r) in enumerate(
-        ((meeting.grid_0, meeting.T_m0_r0), (meeting.grid_1, meeting.T_m1_r1))
+        ((given.grid_0, given.T_m0_r0), (given.grid_1, given.T_m1_r1))
     ):
         side_m = np.arange(-AROUND_ROBOT_M, AROUND_ROBOT_M + 1e-9, 0.05)
         around_m = np.stack(np.meshgrid(T_m_r.x_m + side_m, T_m_r.y_m + side_m), axis=-1)
@@ -81,7 +83,7 @@ def pose_doubts(meeting: Meeting) -> list[str]:
 
 
 def sighting_doubts(sighting: SightedPose, *, refined: bool) -> list[str]:
-    """What speaks against a sighting by itself."""
+    """Doubts about a sighting by itself."""
     doubts = []
     if sighting.score is not None and sighting.score < LEAST_SCORE:
         doubts.append(f"the robot's detection scores {sighting.score:.2f}, less than {LEAST_SCORE}")
@@ -90,7 +92,7 @@ def sighting_doubts(sighting: SightedPose, *, refined: bool) -> list[str]:
         doubts.append(
             f"image {images} shows the robot elsewhere than the others do; the best reading leaves it out"
         )
-    if not refined and sighting.best.mass < LEAST_MASS:
+    if not refined and sighting.best.mass < LEAST_BEST_MASS:
         doubts.append(
             f"the sighting can be read in {len(sighting.modes)} ways; the best has a probability of "
             f"{sighting.best.mass:.2f} and the maps were not asked"
@@ -99,14 +101,14 @@ def sighting_doubts(sighting: SightedPose, *, refined: bool) -> list[str]:
 
 
 def refinement_doubts(
-    refined: Refined, prior: FrameErrorPrior | None, agreements: tuple[MapAgreement, MapAgreement]
+    refined: RefinedAlignment, prior: FrameErrorPrior | None, agreements: tuple[MapAgreement, MapAgreement]
 ) -> list[str]:
-    """What speaks against an estimate of the frame error.
+    """Doubts about an estimate of the frame error.
 
     Args:
-        refined: what the method found.
-        prior: what the sighting says.
-        agreements: of the maps before and after.
+        refined: the estimate.
+        prior: the sighting's.
+        agreements: of the maps before and after the refinement.
     """
     estimate, search = refined.estimate, refined.search
     if estimate.theta is None:
@@ -141,11 +143,11 @@ def _contradicts(estimate: Estimate, prior: FrameErrorPrior) -> bool:
 
 
 def alignment_doubts(covariance: Array | None, agreement: MapAgreement) -> list[str]:
-    """What speaks against the final alignment."""
+    """Doubts about the final alignment."""
     doubts = []
     if covariance is not None:
         position_m, heading_rad = spread_of(covariance)
-        if SIGMAS * position_m > WRONG_M or SIGMAS * heading_rad > WRONG_RAD:
+        if VERDICT_SIGMAS * position_m > WRONG_M or VERDICT_SIGMAS * heading_rad > WRONG_RAD:
             doubts.append(
                 f"the alignment is known to ±{position_m:.2f} m and ±{math.degrees(heading_rad):.1f}° only"
             )

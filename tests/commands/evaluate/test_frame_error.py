@@ -66,7 +66,7 @@ def test_identity_is_off_by_what_was_drawn_and_the_search_by_less(shown, data):
         if pair.pair_id in kept:
             perturbation = evaluation_perturbation(pair.pair_id, PerturbationRange(), seed=0)
             assert kept[pair.pair_id]["theta_c"]["x_m"] == perturbation.theta_c.x_m
-            drawn.append(perturbed_pair(pair, perturbation).theta_w.as_array())
+            drawn.append(perturbed_pair(pair, perturbation).theta_v.as_array())
     assert len(drawn) == len(kept) == 5
     assert mean_error(metrics, "identity") == pytest.approx(np.abs(drawn).mean(axis=0).tolist())
     assert mean_error(metrics, "correlative")[0] < 0.5 * mean_error(metrics, "identity")[0]

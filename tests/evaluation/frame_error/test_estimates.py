@@ -31,17 +31,17 @@ def seen():
 
 def test_a_perfect_estimate_puts_robot_1_where_it_stands(seen):
     pair, sample = seen
-    found = outcome(Estimate(theta=sample.theta_w), pair, sample, duration_s=0.0)
+    found = outcome(Estimate(theta=sample.theta_v), pair, sample, duration_s=0.0)
     assert found.error.as_array() == approx(np.zeros(3), abs=1e-9)
     assert found.meeting_error_m == approx(0.0, abs=1e-9)
 
 
 def test_an_estimates_error_is_the_frame_error_that_the_corrected_transform_still_has(seen):
     pair, sample = seen
-    estimate = Estimate(theta=sample.theta_w @ OFF.inverse())
+    estimate = Estimate(theta=sample.theta_v @ OFF.inverse())
     found = outcome(estimate, pair, sample, duration_s=0.0)
-    T_hat = corrected(sample.T_estimated, estimate.theta, sample.T_m0_w)
-    left = frame_error(T_hat, pair.T_m0_m1, sample.T_m0_w)
+    T_hat = corrected(sample.T_estimated, estimate.theta, sample.T_m0_v)
+    left = frame_error(T_hat, pair.T_m0_m1, sample.T_m0_v)
     assert found.error.as_array() == approx(OFF.as_array(), abs=1e-9)
     assert left.as_array() == approx(OFF.as_array(), abs=1e-9)
 
@@ -49,7 +49,7 @@ def test_an_estimates_error_is_the_frame_error_that_the_corrected_transform_stil
 def test_a_failure_leaves_the_transform_as_it_was_given(seen):
     pair, sample = seen
     found = outcome(Estimate(theta=None, reason="nothing seen"), pair, sample, duration_s=0.0)
-    assert found.error == sample.theta_w.wrapped()
+    assert found.error == sample.theta_v.wrapped()
     given, true = sample.T_estimated @ pair.T_m1_r1, pair.T_m0_r1
     assert found.meeting_error_m == approx(np.hypot(given.x_m - true.x_m, given.y_m - true.y_m))
     assert found.reason == "nothing seen"

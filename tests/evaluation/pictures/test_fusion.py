@@ -44,7 +44,7 @@ def test_map_and_robot_1_are_where_the_fusion_puts_them_and_a_cross_where_it_was
     assert pixels(picture, BOTH) > 3 * pixels(fusion_picture(meeting(), first), BOTH)
     view, _ = view_of_both(meeting(), mended.T_m0_m1)
     cross_px = marked_px(picture)
-    assert cross_px.mean(axis=0) == pytest.approx(view.uv_px(position_m(mended.T_m0_w)), abs=1.0)
+    assert cross_px.mean(axis=0) == pytest.approx(view.uv_px(position_m(mended.T_m0_v)), abs=1.0)
     for T_m0_r, colour in ((meeting().T_m0_r0, RED), (mended.T_m0_m1 @ meeting().T_m1_r1, BLUE)):
         u, v = view.uv_px(position_m(T_m0_r)).astype(int)
         assert tuple(picture[HEADER_PX + v, u]) == colour

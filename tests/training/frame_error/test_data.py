@@ -63,12 +63,12 @@ def test_a_label_is_the_frame_error_of_its_transform(pairs: PairTable):
     by_transform = {pair.pair_id: pair for pair in (pairs[index] for index in range(len(pairs)))}
     sample = source.sample(7)
     errors = [
-        frame_error(sample.T_estimated, pair.T_m0_m1, sample.T_m0_w).as_array()
+        frame_error(sample.T_estimated, pair.T_m0_m1, sample.T_m0_v).as_array()
         for pair in by_transform.values()
     ]
-    gaps = np.abs(np.array(errors) - sample.theta_w.as_array()).max(axis=1)
+    gaps = np.abs(np.array(errors) - sample.theta_v.as_array()).max(axis=1)
     assert gaps.min() < 1e-9
-    assert source[2]["theta"][1].numpy() == pytest.approx(sample.theta_w.as_array(), abs=1e-6)
+    assert source[2]["theta"][1].numpy() == pytest.approx(sample.theta_v.as_array(), abs=1e-6)
 
 
 def test_every_epoch_sees_every_row_once_in_an_order_of_its_own():

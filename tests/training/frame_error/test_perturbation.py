@@ -32,9 +32,9 @@ def drawn(seed: int) -> Perturbation:
 def test_undoing_the_frame_error_restores_the_aligned_map(pairs: PairTable, seed: int):
     pair = pairs[seed % len(pairs)]
     wrong = perturbed_pair(pair, drawn(seed))
-    T_m0_m1 = corrected(wrong.T_estimated, wrong.theta_w, wrong.T_m0_w)
-    undone = map_window(pair.grid_0, pair.grid_1, T_m0_m1, wrong.T_m0_w).cells
-    aligned = map_window(pair.grid_0, pair.grid_1, pair.T_m0_m1, wrong.T_m0_w).cells
+    T_m0_m1 = corrected(wrong.T_estimated, wrong.theta_v, wrong.T_m0_v)
+    undone = map_window(pair.grid_0, pair.grid_1, T_m0_m1, wrong.T_m0_v).cells
+    aligned = map_window(pair.grid_0, pair.grid_1, pair.T_m0_m1, wrong.T_m0_v).cells
     inner = np.s_[:, 8:-8, 8:-8]
     known = (undone[inner] != UNKNOWN_CELL) | (aligned[inner] != UNKNOWN_CELL)
     assert (undone[inner] == aligned[inner])[known].mean() >= 0.99
@@ -47,12 +47,12 @@ def test_the_window_shows_the_walls_of_the_shard_at_their_places(pairs: PairTabl
     wrong = perturbed_pair(pair, drawn(seed))
     size, cell_m = wrong.window.cells.shape[1], wrong.window.cell_m
     places = (
-        (pair.grid_0, wrong.T_m0_w.inverse()),
-        (pair.grid_1, wrong.T_m0_w.inverse() @ wrong.T_estimated),
+        (pair.grid_0, wrong.T_m0_v.inverse()),
+        (pair.grid_1, wrong.T_m0_v.inverse() @ wrong.T_estimated),
     )
-    for channel, (grid, T_w_m) in zip(wrong.window.cells, places, strict=True):
-        p_w = T_w_m @ grid.cell_centres(grid.occupied())
-        col, row = np.floor(p_w / cell_m + size / 2.0).astype(int).T
+    for channel, (grid, T_v_m) in zip(wrong.window.cells, places, strict=True):
+        p_v = T_v_m @ grid.cell_centres(grid.occupied())
+        col, row = np.floor(p_v / cell_m + size / 2.0).astype(int).T
         inside = (row >= 0) & (row < size) & (col >= 0) & (col < size)
         assert inside.sum() > 100
         assert (channel[row[inside], col[inside]] == OCCUPIED_CELL).all()
@@ -63,12 +63,12 @@ def test_the_label_is_the_frame_error_at_the_estimated_meeting_point(pairs: Pair
     pair, perturbation = pairs[seed % len(pairs)], drawn(seed)
     wrong = perturbed_pair(pair, perturbation)
     centre = meeting_point(wrong.T_estimated, pair.T_m1_r1)
-    assert (wrong.T_m0_w.x_m, wrong.T_m0_w.y_m) == pytest.approx((centre.x_m, centre.y_m), abs=1e-9)
+    assert (wrong.T_m0_v.x_m, wrong.T_m0_v.y_m) == pytest.approx((centre.x_m, centre.y_m), abs=1e-9)
     in_m0_axes = frame_error(wrong.T_estimated, pair.T_m0_m1, centre)
     assert in_m0_axes.as_array() == pytest.approx(perturbation.theta_c.as_array(), abs=1e-9)
     turn = SE2(0.0, 0.0, perturbation.rotation_rad)
     turned = turn.inverse() @ perturbation.theta_c @ turn
-    assert wrong.theta_w.as_array() == pytest.approx(turned.wrapped().as_array(), abs=1e-9)
+    assert wrong.theta_v.as_array() == pytest.approx(turned.wrapped().as_array(), abs=1e-9)
 
 
 def test_components_are_uniform_over_their_range():

@@ -155,7 +155,7 @@ def _outcome(estimator: FrameErrorEstimator, pair: MapPair, perturbation: Pertur
     duration_s = time.perf_counter() - started_s
     log_density = None
     if isinstance(estimator, PosteriorEstimator) and estimate.theta is not None:
-        log_density = _finite(estimator.posterior(sample.window).log_density(sample.theta_w))
+        log_density = _finite(estimator.posterior(sample.window).log_density(sample.theta_v))
     return outcome(estimate, pair, sample, log_density=log_density, duration_s=duration_s)
 
 

@@ -23,7 +23,7 @@ from rendezvous.commands.fuse.inputs import (
     read_photograph,
 )
 from rendezvous.errors import ConfigError, SetupError
-from rendezvous.fusion.meeting import Meeting
+from rendezvous.fusion.fusion_input import FusionInput
 from rendezvous.fusion.merge import Merging
 from rendezvous.fusion.refinement import Refinement, Refiner, correlative_refiner, matcher_refiner
 from rendezvous.fusion.sighted_pose import SightedPose, sighted_pose
@@ -112,7 +112,7 @@ class Fused:
     """
 
     request: FuseRequest
-    meeting: Meeting
+    meeting: FusionInput
     result: FusionResult
     photographs: tuple[Photograph, ...]
     poses: tuple[RelativePose, ...]
@@ -157,7 +157,7 @@ def fused(request: FuseRequest) -> Fused:
         )
         robot = load_robot(request.robot)
         T_r0_c = mounting(request.camera_pose, request.robot)
-    meeting = Meeting(grid_0=grid_0, grid_1=grid_1, T_m0_r0=request.T_m0_r0, T_m1_r1=request.T_m1_r1)
+    meeting = FusionInput(grid_0=grid_0, grid_1=grid_1, T_m0_r0=request.T_m0_r0, T_m1_r1=request.T_m1_r1)
     with clock.part("load"):
         matcher = _matcher(request.refine)
         refiner = _refiner(request.refine, matcher)

@@ -202,7 +202,7 @@ def _frame_error(fused: Fused) -> dict[str, Any]:
     result, estimate = fused.result, fused.result.estimate
     theta = estimate.theta if estimate else None
     return {
-        "window_centre_m0": [result.T_m0_w.x_m, result.T_m0_w.y_m],
+        "window_centre_m0": [result.T_m0_v.x_m, result.T_m0_v.y_m],
         "theta_w": None if theta is None else _pose(theta),
         "covariance": _rows(result.covariance),
         "covariance_is_of": "x [m], y [m], yaw [rad] of the frame error that is left, at the centre",

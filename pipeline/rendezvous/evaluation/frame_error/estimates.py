@@ -107,11 +107,11 @@ def outcome(
         log_density: of the true frame error, if the method has a posterior.
         duration_s: how long the method took.
     """
-    T_hat = corrected(sample.T_estimated, estimate.theta or SE2.identity(), sample.T_m0_w)
+    T_hat = corrected(sample.T_estimated, estimate.theta or SE2.identity(), sample.T_m0_v)
     found, true = T_hat @ pair.T_m1_r1, pair.T_m0_r1
     return Outcome(
         pair_id=pair.pair_id,
-        theta=sample.theta_w,
+        theta=sample.theta_v,
         theta_hat=estimate.theta,
         covariance=estimate.covariance,
         degrees_of_freedom=estimate.degrees_of_freedom,

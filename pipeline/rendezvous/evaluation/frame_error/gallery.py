@@ -91,7 +91,7 @@ class Shown:
 def panels(pair: MapPair, sample: PerturbedPair, found: Mapping[str, Outcomes], index: int) -> list[Panel]:
     """Truth, input, and each method's correction of one pair, all in the axes of m0 and at one scale."""
     T_m0_v, side_m = square_around(pair)
-    theta = sample.theta_w
+    theta = sample.theta_v
     out = [
         Panel(
             name="truth",
@@ -108,7 +108,7 @@ def panels(pair: MapPair, sample: PerturbedPair, found: Mapping[str, Outcomes], 
     ]
     for name, outcomes in found.items():
         row = outcomes.rows[index]
-        T_hat = corrected(sample.T_estimated, row.theta_hat or SE2.identity(), sample.T_m0_w)
+        T_hat = corrected(sample.T_estimated, row.theta_hat or SE2.identity(), sample.T_m0_v)
         out.append(
             Panel(
                 name=name,

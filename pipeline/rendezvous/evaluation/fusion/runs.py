@@ -10,7 +10,7 @@ from typing import Any
 from rendezvous.alignment.frame_error import frame_error
 from rendezvous.errors import MapError
 from rendezvous.fusion.agreement import agreement
-from rendezvous.fusion.meeting import Meeting
+from rendezvous.fusion.fusion_input import FusionInput
 from rendezvous.fusion.merge import merged
 from rendezvous.fusion.refinement import Refiner
 from rendezvous.fusion.sighted_pose import SightedPose, sighted_pose
@@ -127,7 +127,7 @@ def run_rendezvous(
     """
     true_map = merged(pair.grid_0, pair.grid_1, pair.T_m0_m1)
     assert pair.T_m0_r0 is not None
-    meeting = Meeting(grid_0=pair.grid_0, grid_1=pair.grid_1, T_m0_r0=pair.T_m0_r0, T_m1_r1=pair.T_m1_r1)
+    meeting = FusionInput(grid_0=pair.grid_0, grid_1=pair.grid_1, T_m0_r0=pair.T_m0_r0, T_m1_r1=pair.T_m1_r1)
     sightings = {
         ESTIMATED: sighted_pose([pose]) if pose.found else None,
         TRUE: SightedPose.given(T_r0_r1_true),
@@ -144,7 +144,7 @@ def run_rendezvous(
 
 
 def _run(
-    meeting: Meeting,
+    meeting: FusionInput,
     sighting: SightedPose,
     refiner: Refiner | None,
     T_m0_m1_true: SE2,
@@ -158,7 +158,7 @@ def _run(
     duration_s = time.perf_counter() - started_s
     return FusionOutcome(
         T_m0_m1=result.T_m0_m1,
-        error=frame_error(result.T_m0_m1, T_m0_m1_true, result.T_m0_w),
+        error=frame_error(result.T_m0_m1, T_m0_m1_true, result.T_m0_v),
         iou=agreement(result.grid, true_map, true_map.resolution_m).iou,
         accepted=result.verdict.accepted,
         reasons=result.verdict.reasons,

@@ -21,7 +21,7 @@ from rendezvous.evaluation.pictures.canvas import (
 )
 from rendezvous.evaluation.pictures.map_panels import BOTH, blended, draw_robot, sampled
 from rendezvous.evaluation.pictures.poses import image_with_cuboid
-from rendezvous.fusion.meeting import Meeting
+from rendezvous.fusion.fusion_input import FusionInput
 from rendezvous.fusion.system import FusionResult
 from rendezvous.geometry.camera import PinholeCamera
 from rendezvous.geometry.cuboid import Vec3, project_cuboid
@@ -40,7 +40,7 @@ _MEETING: Colour = (245, 160, 20)
 _GOOD: Colour = (20, 120, 60)
 
 
-def fusion_picture(meeting: Meeting, result: FusionResult) -> Image:
+def fusion_picture(meeting: FusionInput, result: FusionResult) -> Image:
     """Map 0 in red, map 1 in blue where T̂ puts it, walls of both in violet, and both robots.
 
     The ellipse holds robot 1 with 95 % probability by the fusion's covariance. The cross is where the
@@ -58,7 +58,7 @@ def fusion_picture(meeting: Meeting, result: FusionResult) -> Image:
     return np.concatenate([_header(size_px[0], result), panel.image])
 
 
-def view_of_both(meeting: Meeting, T_m0_m1: SE2) -> tuple[View, tuple[int, int]]:
+def view_of_both(meeting: FusionInput, T_m0_m1: SE2) -> tuple[View, tuple[int, int]]:
     """A view of m0 that shows all known cells of both maps, and the panel's width and height [px]."""
     known_0, known_1 = (grid.cell_centres(grid.known()) for grid in (meeting.grid_0, meeting.grid_1))
     points_m = np.concatenate([known_0, T_m0_m1 @ known_1])
@@ -93,7 +93,7 @@ def sighting_picture(image: Image, camera: PinholeCamera, pose: RelativePose, si
     return np.concatenate([image, caption.image])
 
 
-def _draw_meeting(canvas: Canvas, view: View, meeting: Meeting, result: FusionResult) -> None:
+def _draw_meeting(canvas: Canvas, view: View, meeting: FusionInput, result: FusionResult) -> None:
     T_m0_r1 = result.T_m0_m1 @ meeting.T_m1_r1
     robots_m = np.array([[T.x_m, T.y_m] for T in (meeting.T_m0_r0, T_m0_r1)])
     canvas.dashes(view.uv_px(robots_m), colour=INK)
@@ -101,7 +101,7 @@ def _draw_meeting(canvas: Canvas, view: View, meeting: Meeting, result: FusionRe
     draw_robot(canvas, view, T_m0_r1, BLUE)
     if result.covariance is not None:
         canvas.polyline(view.uv_px(_ellipse_m(result, T_m0_r1)), colour=_MEETING, width_px=2, closed=True)
-    ((u, v),) = view.uv_px(np.array([[result.T_m0_w.x_m, result.T_m0_w.y_m]]))
+    ((u, v),) = view.uv_px(np.array([[result.T_m0_v.x_m, result.T_m0_v.y_m]]))
     for du, dv in ((7.0, 7.0), (7.0, -7.0)):
         canvas.polyline(np.array([[u - du, v - dv], [u + du, v + dv]]), colour=_MEETING, width_px=2)
 

@@ -86,6 +86,6 @@ def _readings(
             sample = perturbed_pair(pair, perturbation)
             if sample.window.cells.any(axis=(1, 2)).all():
                 posterior = estimator.posterior(sample.window)
-                readings.append(Reading(posterior=posterior, theta=sample.theta_w))
+                readings.append(Reading(posterior=posterior, theta=sample.theta_v))
             progress.advance(1, made=True)
     return readings

@@ -82,7 +82,7 @@ class TrainingBatches(Dataset[Batch]):
             cell_m=sampling.window_cell_m,
         )
         if rng.random() < sampling.sight_withheld:
-            sample = replace(sample, window=sample.window.of_maps_alone())
+            sample = replace(sample, window=sample.window.without_sight())
         return sample
 
 
@@ -116,7 +116,7 @@ def _batch(samples: list[PerturbedPair]) -> Batch:
     windows = [sample.window for sample in samples]
     cells: Cells = np.stack([window.cells for window in windows])
     sight = [np.zeros_like(w.cells) if w.sight is None else w.sight for w in windows]
-    theta = np.array([sample.theta_w.as_array() for sample in samples], np.float32)
+    theta = np.array([sample.theta_v.as_array() for sample in samples], np.float32)
     return Batch(
         cells=torch.from_numpy(cells),
         sight=torch.from_numpy(np.stack(sight)),

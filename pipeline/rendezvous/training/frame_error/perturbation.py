@@ -60,7 +60,7 @@ class Perturbation:
 
     Attributes:
         theta_c: the frame error at the meeting point, in the axes of m0.
-        rotation_rad: heading of the window frame w in m0.
+        rotation_rad: heading of the window frame v in m0.
     """
 
     theta_c: SE2
@@ -73,15 +73,15 @@ class PerturbedPair:
 
     Attributes:
         window: both maps.
-        theta_w: the frame error in w, which is to be estimated.
+        theta_v: the frame error in w, which is to be estimated.
         T_estimated: the wrong `T_m0_m1`.
-        T_m0_w: the window frame.
+        T_m0_v: the window frame.
     """
 
     window: MapWindow
-    theta_w: SE2
+    theta_v: SE2
     T_estimated: SE2
-    T_m0_w: SE2
+    T_m0_v: SE2
 
 
 def draw_perturbation(range_: PerturbationRange, rng: np.random.Generator) -> Perturbation:
@@ -113,12 +113,12 @@ def perturbed_pair(
         cells, cell_m: the window's cells along a side, and their side [m].
     """
     T_estimated, T_m0_c = perturbed(pair.T_m0_m1, pair.T_m0_r1, perturbation.theta_c)
-    T_m0_w = T_m0_c @ SE2(0.0, 0.0, perturbation.rotation_rad)
+    T_m0_v = T_m0_c @ SE2(0.0, 0.0, perturbation.rotation_rad)
     return PerturbedPair(
         window=map_window(
-            pair.grid_0, pair.grid_1, T_estimated, T_m0_w, T_m0_r0=pair.T_m0_r0, cells=cells, cell_m=cell_m
+            pair.grid_0, pair.grid_1, T_estimated, T_m0_v, T_m0_r0=pair.T_m0_r0, cells=cells, cell_m=cell_m
         ),
-        theta_w=frame_error(T_estimated, pair.T_m0_m1, T_m0_w),
+        theta_v=frame_error(T_estimated, pair.T_m0_m1, T_m0_v),
         T_estimated=T_estimated,
-        T_m0_w=T_m0_w,
+        T_m0_v=T_m0_v,
     )
