@@ -6,7 +6,7 @@ import pytest
 import torch
 from rendezvous.geometry.se2 import SE2
 from rendezvous.models import lie
-from rendezvous.models.frame_error import input_grid, output_pose
+from rendezvous.models.frame_error_network import input_grid, output_pose
 from rendezvous.models.losses import (
     ABLATION_ROWS,
     frame_error_loss,

@@ -12,19 +12,20 @@ from rendezvous.alignment.spread import ellipsoid_probability, nees
 from rendezvous.alignment.window import SearchRange
 from rendezvous.errors import ConfigError
 from rendezvous.geometry.se2 import SE2, Array
-from rendezvous.models.matcher import MatcherConfig
+from rendezvous.models.matcher import Matcher, MatcherConfig
 from rendezvous.models.matcher_calibration import (
+    CalibrationPair,
     MatcherCalibration,
-    Reading,
     fitted,
     least_trusted_mass,
     most_likely_spread,
 )
 from rendezvous.models.matcher_estimator import MatcherEstimator
-from rendezvous.models.posterior import Gaussian, Posterior
-from rendezvous.models.refined_posterior import RefinedPosterior
+from rendezvous.models.posterior import Gaussian, Posterior, RefinedPosterior
 
 from tests.models.worlds import misplaced, rooms
+
+SMALL = MatcherConfig(cell_m=0.1, coarse_factor=2, fine_factor=1, channels=8, dilations=(1,))
 
 
 def _spread(rng: np.random.Generator, count: int) -> Array:
@@ -73,7 +74,7 @@ def test_a_posterior_is_made_as_sharp_as_the_truths_lie():
     rng = np.random.default_rng(1)
     sigma = np.array([0.05, 0.05, math.radians(1.0)])
     readings = [
-        Reading(posterior=_normal(sigma), theta=SE2.from_array(0.5 * sigma * rng.normal(size=3)))
+        CalibrationPair(posterior=_normal(sigma), theta=SE2.from_array(0.5 * sigma * rng.normal(size=3)))
         for _ in range(300)
     ]
     found = fitted(readings)
@@ -96,7 +97,7 @@ def _normal(sigma: Array) -> RefinedPosterior:
     return RefinedPosterior(coarse=flat, pieces=(piece,), masses=np.array([0.95]), rest=rest)
 
 
-def _nees(calibration: MatcherCalibration, reading: Reading) -> float:
+def _nees(calibration: MatcherCalibration, reading: CalibrationPair) -> float:
     best = reading.posterior.sharpened(calibration.sharpness).best()
     error = (best.mean.inverse() @ reading.theta).as_array()
     return float(error @ np.linalg.inv(calibration.covariance(best.covariance)) @ error)
@@ -108,9 +109,7 @@ def _window():
 
 def test_an_estimator_reads_its_posterior_as_it_is_calibrated():
     torch.manual_seed(0)
-    model = (
-        MatcherConfig(cell_m=0.1, coarse_factor=2, fine_factor=1, channels=8, dilations=(1,)).build().eval()
-    )
+    model = Matcher(SMALL).eval()
     calibration = MatcherCalibration(
         sharpness=3.0, scale=0.5, floor_m=0.02, floor_rad=0.01, degrees_of_freedom=5.0, least_mass=0.0
     )
@@ -130,9 +129,7 @@ def test_an_estimator_reads_its_posterior_as_it_is_calibrated():
 
 
 def test_sharpening_leaves_a_prior_as_wide_as_it_is():
-    model = (
-        MatcherConfig(cell_m=0.1, coarse_factor=2, fine_factor=1, channels=8, dilations=(1,)).build().eval()
-    )
+    model = Matcher(SMALL).eval()
     with torch.no_grad():  # maps tell nothing
         model.fine_log_scale.fill_(-100.0)
         model.coarse_log_scale.fill_(-100.0)
@@ -150,7 +147,7 @@ def test_sharpening_leaves_a_prior_as_wide_as_it_is():
 def test_a_calibration_is_kept_as_numbers():
     calibration = MatcherCalibration(sharpness=2.0, scale=0.3, floor_m=0.004, floor_rad=0.002, least_mass=0.8)
     assert MatcherCalibration.from_dict(calibration.as_dict()) == calibration
-    with pytest.raises(ConfigError, match="must hold numbers"):
+    with pytest.raises(ConfigError, match=r"scale is 'wide'; must be like 1\.0"):
         MatcherCalibration.from_dict({**calibration.as_dict(), "scale": "wide"})
     with pytest.raises(ConfigError, match="least_mass"):
         MatcherCalibration.from_dict({**calibration.as_dict(), "least_mass": 1.5})

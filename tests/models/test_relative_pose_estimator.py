@@ -10,7 +10,6 @@ import pytest
 import torch
 from rendezvous.geometry.camera import Image, PinholeCamera
 from rendezvous.geometry.se2 import Array
-from rendezvous.models.relative_pose import RelativePoseConfig, RelativePoseNet
 from rendezvous.models.relative_pose_estimator import (
     FIRST_FOCAL_PX,
     Looked,
@@ -20,6 +19,7 @@ from rendezvous.models.relative_pose_estimator import (
 from rendezvous.pose_estimation.cuboids import detect_cuboids
 from rendezvous.pose_estimation.look import Look
 from rendezvous.pose_estimation.observation_model import ObservationModel
+from rendezvous.models.relative_pose_network import RelativePoseConfig, RelativePoseNet
 from rendezvous.pose_estimation.peaks import belief_peaks
 
 from tests.pose_estimation.observations import CAMERA, burger, error, maps_of, observation, state

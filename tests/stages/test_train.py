@@ -20,7 +20,7 @@ from rendezvous.stages.pack import pack
 from rendezvous.stages.train import train
 from rendezvous.stages.training.train_record import CHECKPOINT, CURVE, WEIGHTS
 from rendezvous.store.disk import Disk
-from rendezvous.training.checkpoint import fit_weights_in_place, read_checkpoint, retold
+from rendezvous.training.checkpoint import fit_weights_in_place, read_checkpoint, with_record
 from rendezvous.training.frame_error.registry import rebuilt_model
 from rendezvous.training.parameters import Sampling
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
@@ -157,7 +157,7 @@ def test_other_data_leave_a_new_folder_or_the_old_ones_end(data: Path, tmp_path:
     path = tmp_path / CHECKPOINT
     found = read_checkpoint(path.read_bytes(), where="here")
     now = found.record["data"]
-    path.write_bytes(retold(found, data={**now, "digest": "0" * 64}))
+    path.write_bytes(with_record(found, data={**now, "digest": "0" * 64}))
     with pytest.raises(
         ConfigError, match=f"begun with data {'0' * 12}, now it is {now['digest'][:12]};"
     ) as caught:
@@ -228,7 +228,7 @@ def test_a_checkpoint_of_other_weights_is_told(data: Path, tmp_path: Path):
     trained(data, tmp_path, "train.samples=8")
     found = read_checkpoint((tmp_path / CHECKPOINT).read_bytes(), where="here")
     tensors = found.tensors | {"model.network.head.mlp.2.bias": torch.zeros(4)}
-    (tmp_path / CHECKPOINT).write_bytes(retold(replace(found, tensors=tensors)))
+    (tmp_path / CHECKPOINT).write_bytes(with_record(replace(found, tensors=tensors)))
     with pytest.raises(PipelineError, match=r"network.head.mlp.2.bias is of shape \(4,\); must be of"):
         trained(data, tmp_path, resume=True)
 

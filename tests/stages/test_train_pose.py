@@ -15,7 +15,7 @@ import safetensors.torch
 import torch
 from rendezvous.cli.__main__ import app
 from rendezvous.errors import ConfigError, PipelineError, StoreError
-from rendezvous.models.relative_pose import RelativePoseConfig, RelativePoseNet
+from rendezvous.models.relative_pose_network import RelativePoseConfig, RelativePoseNet
 from rendezvous.stages.pack import pack
 from rendezvous.stages.train_pose import train_pose
 from rendezvous.stages.training.train_record import CHECKPOINT, CURVE, WEIGHTS

@@ -12,7 +12,7 @@ from rendezvous.training.checkpoint import (
     restore_in_place,
     weights_bytes,
 )
-from rendezvous.training.curve import FrameErrorPoint
+from rendezvous.training.frame_error.registry import FrameErrorPoint
 from rendezvous.training.loop import TrainingState
 from rendezvous.training.parameters import Optimisation
 

@@ -12,8 +12,7 @@ from rendezvous.training.batches import training_loader
 from rendezvous.training.checkpoint import checkpoint_bytes, read_checkpoint, restore_in_place
 from rendezvous.training.frame_error.data import TrainingBatches
 from rendezvous.training.frame_error.pairs import PairTable
-from rendezvous.training.loop import TrainingState, fit
-from rendezvous.training.optimiser import adamw, averaged_copy, learning_rate, update_average
+from rendezvous.training.loop import TrainingState, adamw, fit, learning_rate, update_average
 from rendezvous.training.parameters import Budget, Optimisation
 from rendezvous.training.processes import Processes
 
@@ -121,7 +120,7 @@ def test_biases_and_gains_do_not_decay():
 
 def test_the_average_follows_its_formula_and_asks_for_no_gradient():
     model, moved = tiny_model(), tiny_model(seed=1)
-    average = averaged_copy(model)
+    average = TrainingState.fresh(model, SETTINGS).average
     update_average(average, moved, step=10, decay=0.9)  # 10 / 20 is kept
     expected = 0.5 * model.layers[0].weight + 0.5 * moved.layers[0].weight
     assert torch.allclose(average.layers[0].weight, expected, atol=1e-6)

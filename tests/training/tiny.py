@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 import torch
 from rendezvous.training.frame_error.data import Batch
+from rendezvous.training.frame_error.registry import FrameErrorModel
 from rendezvous.training.loop import Step, TrainingState
-from rendezvous.training.model import FrameErrorModel
 from rendezvous.training.parameters import Sampling
 from torch import Tensor, nn
 from torch.nn import functional

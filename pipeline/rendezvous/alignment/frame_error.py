@@ -15,8 +15,9 @@ import numpy as np
 from rendezvous.geometry.se2 import SE2
 
 PAPER_XY_M, PAPER_YAW_RAD = 2.0, math.pi / 4.0
-"""The range of frame errors, ±2 m, ±2 m, ±45°. The paper does not state it: it is inferred from the row of its
-Table I that failed to learn (0.999 m, 0.964 m, 0.394 rad), which are the means of a uniform distribution."""
+"""The range of frame errors, ±2 m, ±2 m, ±45°. The paper does not state it: it is inferred from the row of
+its Table I that failed to learn (0.999 m, 0.964 m, 0.394 rad), which are the means of a uniform
+distribution."""
 
 
 def initial_alignment(T_m0_r0: SE2, T_r0_r1: SE2, T_m1_r1: SE2) -> SE2:
@@ -43,7 +44,8 @@ def corrected(T_estimated: SE2, theta_v: SE2, T_m0_v: SE2) -> SE2:
 def perturbed(T_true: SE2, T_m0_r1: SE2, theta: SE2) -> tuple[SE2, SE2]:
     """T̃ and its meeting point such that T̃'s frame error there is theta.
 
-    The centre must be where T̃, not the truth, puts robot 1: with P the true meeting point, `C = P + R_ψ⁻¹ t`.
+    The centre must be where T̃, not the truth, puts robot 1: with P the true meeting point, `C = P + R_ψ⁻¹
+    t`.
 
     Args:
         T_true: the true `T_m0_m1`.

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 
-import numba as nb
 import numpy as np
 
+from rendezvous.compiled import njit
 from rendezvous.geometry.occupancy_grid import OCCUPIED, UNKNOWN, Cells
 from rendezvous.geometry.se2 import Array
 
 
-@nb.njit(cache=True)
+@njit
 def resampled(
     source: Cells, T_s_g: Array, source_m: float, cell_m: float, corner_m: float, shape: tuple[int, int]
 ) -> Cells:

@@ -1,8 +1,8 @@
 """Correlative search: the motion in a range under which the two maps agree best.
 
 Correlative scan matching (Olson, "Real-time correlative scan matching", ICRA 2009) of one map against the
-other, by branch and bound with admissible bounds (Olson, "M3RSM", ICRA 2015; Hess et al., ICRA 2016). Then the
-scores close to the best cell, between the cells, give a finer estimate and its covariance.
+other, by branch and bound with admissible bounds (Olson, "M3RSM", ICRA 2015; Hess et al., ICRA 2016). Then
+the scores close to the best cell, between the cells, give a finer estimate and its covariance.
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ import math
 from dataclasses import dataclass
 from typing import ClassVar
 
-import numba as nb
 import numpy as np
 
 from rendezvous.alignment.estimate import Estimate
@@ -25,6 +24,7 @@ from rendezvous.baselines.correlation import (
     correlation,
     likelihood_field,
 )
+from rendezvous.compiled import njit
 from rendezvous.geometry.se2 import SE2, Array
 from rendezvous.models.posterior import Gaussian
 
@@ -33,9 +33,9 @@ from rendezvous.models.posterior import Gaussian
 class CorrelativeSearch:
     """Finds the best cell of a range, provably, and reads the scores around it as a posterior.
 
-    Blur, penalty, temperature and ratio were chosen on 279 pairs of 32 plans of the default preset, 26 of them
-    of test plans. On the 117 pairs of the training plans alone, the best of the other blurs and penalties tried
-    finds one more pair.
+    Blur, penalty, temperature and ratio were chosen on 279 pairs of 32 plans of the default preset, 26 of
+    them of test plans. On the 117 pairs of the training plans alone, the best of the other blurs and
+    penalties tried finds one more pair.
 
     Attributes:
         search: half widths; a yaw of pi or more is every heading.
@@ -121,8 +121,8 @@ def peak_around(
 ) -> Gaussian:
     """Mean and covariance of the posterior in a small box around a motion.
 
-    The posterior of a cell is `exp(score / temperature)`; neighbouring walls err together, so the temperature is
-    far above 1.
+    The posterior of a cell is `exp(score / temperature)`; neighbouring walls err together, so the temperature
+    is far above 1.
 
     Args:
         theta: the box's centre.
@@ -177,7 +177,7 @@ def motion_scores(thetas: Array, window: MapWindow, *, blur_m: float, free_penal
     return total / SCORE_SCALE
 
 
-@nb.njit(cache=True)
+@njit
 def _scores(motions: Array, field: Field, points_m: Array, cell_m: float) -> Array:
     """(M,): for each motion, the sum of the field at the moved points (P, 2)."""
     size, centre = field.shape[0], 0.5 * field.shape[0] - 0.5

@@ -51,8 +51,8 @@ class Agreement:
 def agreement(grid_a: OccupancyGrid, grid_b: OccupancyGrid, tolerance_m: float) -> Agreement:
     """Compare the occupied cells of two maps in one frame, of any size, resolution and origin.
 
-    Distances are between centres of cells: a tolerance of one cell's side reaches a cell's four neighbours, not
-    the diagonal ones.
+    Distances are between centres of cells: a tolerance of one cell's side reaches a cell's four neighbours,
+    not the diagonal ones.
     """
     walls_a, walls_b = grid_a.cell_centres(grid_a.occupied()), grid_b.cell_centres(grid_b.occupied())
     return Agreement(
@@ -71,7 +71,8 @@ class MapAgreement:
         wall_share: of the occupied cells in the other map's known area, the share within the tolerance of an
             occupied cell there; None where there are none.
         conflict_share: of the cells in the other map's known area, the share where one map says occupied and
-            the other free: 1 minus the acceptance index of Carpin (2008). None where nothing is known in both.
+            the other free: 1 minus the acceptance index of Carpin (2008). None where nothing is known in
+            both.
         compared: number of cells behind `wall_share`.
         known_in_both: number of cells behind `conflict_share`.
     """
@@ -99,7 +100,8 @@ def map_agreement(
 
 
 def _conflicts(grid_a: OccupancyGrid, grid_b: OccupancyGrid, T_b_a: SE2) -> tuple[int, int]:
-    """Number of a's cells that are known in both maps, and of those on which the maps contradict each other."""
+    """Number of a's cells that are known in both maps, and of those on which the maps contradict each
+    other."""
     known_a = grid_a.known()
     values_a = grid_a.cells[known_a]
     values_b = grid_b.sample(T_b_a @ grid_a.cell_centres(known_a))

@@ -2,9 +2,10 @@
 
 `merged` is Algorithm 1 of the paper (Kim, Han & Zhang, 2023): whatever either map calls occupied is occupied.
 No wall is lost, so it is the map to plan on; but whatever moved or was mapped wrongly stays as well.
-`probabilistically_merged` weighs the maps against each other instead: a wall that the other map saw through is
-no longer certain. It removes such ghosts, and with them the parts of a thin wall that the two maps draw more
-than a cell apart: use it where the alignment is good to a cell, or to see where maps contradict each other.
+`probabilistically_merged` weighs the maps against each other instead: a wall that the other map saw through
+is no longer certain. It removes such ghosts, and with them the parts of a thin wall that the two maps draw
+more than a cell apart: use it where the alignment is good to a cell, or to see where maps contradict each
+other.
 
 Both lay the maps on one common grid. It has the axes of m0 (yaw 0, whatever the yaw of the grids' origins),
 the finer of the two resolutions, a cell corner on the origin of grid 0, and covers both maps wholly.
@@ -73,8 +74,8 @@ class CellEvidence:
     """How the cells of trinary maps are weighed.
 
     The defaults treat both states alike: two maps that contradict each other leave 0.5, which is unknown; two
-    that agree leave 0.97 or 0.03. A larger `occupied_probability` makes a wall win over free space: with 0.95,
-    'occupied in one, free in the other' is 0.77, occupied.
+    that agree leave 0.97 or 0.03. A larger `occupied_probability` makes a wall win over free space: with
+    0.95, 'occupied in one, free in the other' is 0.77, occupied.
 
     Attributes:
         occupied_probability: that a cell is occupied if one map calls it occupied.

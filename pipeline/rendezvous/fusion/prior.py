@@ -1,8 +1,8 @@
 """The frame error as the sighting alone has it, before the maps are compared.
 
 Let A be the pose of robot 1 in map 0 by T̃ (heading φ). If the sighting errs by δ, so that T_r0_r1 δ is the
-true pose, then `T̃ T⁻¹ = A δ⁻¹ A⁻¹` and `θ_v = R_φ δ⁻¹ R_φ⁻¹`: θ_v spreads as δ does, turned by φ. Another mode
-of the sighting, D away from the one in T̃, gives `R_φ (D δ)⁻¹ R_φ⁻¹`: normal around `R_φ D⁻¹ R_φ⁻¹`.
+true pose, then `T̃ T⁻¹ = A δ⁻¹ A⁻¹` and `θ_v = R_φ δ⁻¹ R_φ⁻¹`: θ_v spreads as δ does, turned by φ. Another
+mode of the sighting, D away from the one in T̃, gives `R_φ (D δ)⁻¹ R_φ⁻¹`: normal around `R_φ D⁻¹ R_φ⁻¹`.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from rendezvous.geometry.se2 import SE2, Array
 from rendezvous.models.posterior import Gaussian
 
 OUTLIER_SIGMAS = (1.0, 1.0, math.radians(90.0))
-"""Standard deviations [m, m, rad] of the frame error if the sighting is of something else: the paper's range in
-x and y, and nearly any heading."""
+"""Standard deviations [m, m, rad] of the frame error if the sighting is of something else: the paper's
+range in x and y, and nearly any heading."""
 
 WIDEST = SearchRange(xy_m=4.0, yaw_rad=math.pi)
 """As far as a search makes sense in a window of 19 m."""

@@ -18,8 +18,8 @@ from rendezvous.geometry.se2 import SE2, Array
 from rendezvous.pose_estimation.pose_estimate import RelativePose
 
 OUTLIER_SHARE = 0.02
-"""Share of images whose estimate is of something else. A guess on the safe side: calibrated detections are wrong
-in less than 1 %."""
+"""Share of images whose estimate is of something else. A guess on the safe side: calibrated detections are
+wrong in less than 1 %."""
 
 OUTLIER_DENSITY = 1.0 / 75.0
 """Density of such an estimate [1 / (m² rad)]: anywhere in 12 m² (what a camera of 55° sees up to 5 m), any
@@ -108,8 +108,8 @@ def _times(
 ) -> tuple[list[SightedMode], float]:
     """Earlier images times one more: the modes, the most probable first, with masses that sum to 1.
 
-    `all_mistaken`, before and after, is the mass of the case that every image is mistaken, on the scale of those
-    masses. Masses are normalised after every image: those of some dozens would overflow.
+    `all_mistaken`, before and after, is the mass of the case that every image is mistaken, on the scale of
+    those masses. Masses are normalised after every image: those of some dozens would overflow.
     """
     read = [
         SightedMode(
@@ -136,10 +136,9 @@ def _times(
 def _product(a: SightedMode, b: SightedMode, sure: float) -> SightedMode:
     """The product of two normal distributions; its mass is the probability of both agreeing so well.
 
-    With `x` the components of `T_a⁻¹ T`, those of `T_b⁻¹ T` are `J (x - d)`, with d the components of
-    `T_a⁻¹ T_b`: for close headings the product is exactly normal in x. For t distributions this is nearly true
-    where both are dense; the tails of their product fall like those of one with `ν_a + ν_b + 3` degrees of
-    freedom.
+    With `x` the components of `T_a⁻¹ T`, those of `T_b⁻¹ T` are `J (x - d)`, with d the components of `T_a⁻¹
+    T_b`: for close headings the product is exactly normal in x. For t distributions this is nearly true where
+    both are dense; the tails of their product fall like those of one with `ν_a + ν_b + 3` degrees of freedom.
     """
     assert a.covariance is not None
     assert b.covariance is not None

@@ -69,9 +69,7 @@ class Verdict:
 def pose_doubts(given: FusionInput) -> list[str]:
     """Doubts about the robots' own poses: a map must know the place where its robot stands."""
     doubts = []
-    for number, (grid, T_m_r) in enumerate(
-        ((given.grid_0, given.T_m0_r0), (given.grid_1, given.T_m1_r1))
-    ):
+    for number, (grid, T_m_r) in enumerate(((given.grid_0, given.T_m0_r0), (given.grid_1, given.T_m1_r1))):
         side_m = np.arange(-AROUND_ROBOT_M, AROUND_ROBOT_M + 1e-9, 0.05)
         around_m = np.stack(np.meshgrid(T_m_r.x_m + side_m, T_m_r.y_m + side_m), axis=-1)
         if (grid.sample(around_m) == UNKNOWN).all():

@@ -17,7 +17,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from rendezvous.models import lie
-from rendezvous.models.frame_error import output_pose
+from rendezvous.models.frame_error_network import output_pose
 
 DEFAULT_OMEGA = 0.1
 """Weight of the regulariser where it is on. The paper gives its range, [0, 1], not its value.

@@ -15,9 +15,7 @@ H heading, Y X rows and columns (of a grid, or of a volume of translations).
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
-from typing import Any
+from dataclasses import dataclass
 
 import torch
 from torch import Tensor, nn
@@ -27,11 +25,11 @@ from rendezvous.alignment.sight import OPEN_CELL, ROBOT_CELL
 from rendezvous.alignment.window import OCCUPIED_CELL, UNKNOWN_CELL
 from rendezvous.errors import ConfigError, require_within
 from rendezvous.models import se2_correlation
-from rendezvous.models.matcher_loss import LossSampling, matcher_loss
+from rendezvous.models.config import Config
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class MatcherConfig:
+class MatcherConfig(Config):
     """What a matcher is, enough to build it and to read its scores.
 
     Attributes:
@@ -90,27 +88,6 @@ class MatcherConfig:
     def fine_cell_m(self) -> float:
         """Side of a fine feature cell [m]."""
         return self.cell_m * self.fine_factor
-
-    def as_dict(self) -> dict[str, Any]:
-        """Plain values by field, for a checkpoint's JSON."""
-        return {**asdict(self), "dilations": list(self.dilations)}
-
-    @staticmethod
-    def from_dict(values: Mapping[str, Any]) -> MatcherConfig:
-        """Inverse of `as_dict`.
-
-        Raises:
-            ConfigError: a field is missing or unknown, or a value has no use.
-        """
-        expected = {field.name for field in fields(MatcherConfig)}
-        if values.keys() != expected:
-            wrong = sorted(values.keys() ^ expected)
-            raise ConfigError(f"matcher: fields {wrong} are missing or unknown; must be {sorted(expected)}")
-        return MatcherConfig(**{**values, "dilations": tuple(values["dilations"])})
-
-    def build(self) -> Matcher:
-        """A matcher of this kind, its weights drawn from torch's generator."""
-        return Matcher(self)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -221,11 +198,3 @@ class Matcher(nn.Module):
             grid[:, 0], grid[:, 1], heading_BH_rad, y_BHY, x_BHX, whole_range=False
         )
         return scores * torch.exp(self.fine_log_scale)
-
-    def loss(self, batch: Mapping[str, Tensor]) -> tuple[Tensor, dict[str, float]]:
-        """Cross-entropy of the coarse and the fine volume.
-
-        Args:
-            batch: `cells` and `sight` (B, 2, N, N) uint8 and `theta` (B, 3) x [m], y [m], yaw [rad].
-        """
-        return matcher_loss(self, batch["cells"], batch["theta"], LossSampling(), sight_BMNN=batch["sight"])

@@ -10,9 +10,8 @@ Legend: P pair.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, fields, replace
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import minimize
@@ -20,10 +19,11 @@ from scipy.optimize import minimize
 from rendezvous.alignment.estimate import WRONG_M, WRONG_RAD
 from rendezvous.alignment.frame_error import pose_difference
 from rendezvous.alignment.spread import log_density
-from rendezvous.errors import ConfigError, require_within
+from rendezvous.errors import require_within
 from rendezvous.geometry.occupancy_grid import Mask
 from rendezvous.geometry.se2 import SE2, Array
-from rendezvous.models.refined_posterior import RefinedPosterior
+from rendezvous.models.config import Config
+from rendezvous.models.posterior import RefinedPosterior
 
 SHARPNESSES = tuple(float(s) for s in np.geomspace(0.5, 8.0, 17))
 """What is tried."""
@@ -36,7 +36,7 @@ WRONG_SHARE, FLAGGED_SHARE = 0.005, 0.5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class MatcherCalibration:
+class MatcherCalibration(Config):
     """How to read a matcher's posterior.
 
     Attributes:
@@ -69,34 +69,16 @@ class MatcherCalibration:
         """(..., 3, 3): what the posterior's stand for."""
         return self.scale * covariance + np.diag(np.square([self.floor_m, self.floor_m, self.floor_rad]))
 
-    def as_dict(self) -> dict[str, float]:
-        """Values by field, for the weights' JSON."""
-        return asdict(self)
-
-    @staticmethod
-    def from_dict(values: Mapping[str, Any]) -> MatcherCalibration:
-        """Inverse of `as_dict`.
-
-        Raises:
-            ConfigError: a field is missing or unknown, or a value has no use.
-        """
-        expected = {field.name for field in fields(MatcherCalibration)}
-        if values.keys() != expected or not all(isinstance(v, int | float) for v in values.values()):
-            raise ConfigError(
-                f"matcher: calibration holds {dict(values)}; must hold numbers {sorted(expected)}"
-            )
-        return MatcherCalibration(**values)
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Reading:
+class CalibrationPair:
     """A validation pair: its posterior as the matcher's scores have it, and the true frame error."""
 
     posterior: RefinedPosterior
     theta: SE2
 
 
-def fitted(readings: Sequence[Reading]) -> MatcherCalibration:
+def fitted(readings: Sequence[CalibrationPair]) -> MatcherCalibration:
     """The calibration that fits best.
 
     First what is ambiguous; of the other pairs then, by likelihood of the truth, the sharpness of the density

@@ -19,8 +19,15 @@ from rendezvous.geometry.occupancy_grid import Cells
 from rendezvous.geometry.se2 import SE2, Array
 from rendezvous.models.matcher import Features, Matcher
 from rendezvous.models.matcher_calibration import MatcherCalibration
-from rendezvous.models.posterior import WHOLE, Gaussian, Mode, Posterior, log_prior, log_sum_exp
-from rendezvous.models.refined_posterior import RefinedPosterior
+from rendezvous.models.posterior import (
+    WHOLE,
+    Gaussian,
+    Mode,
+    Posterior,
+    RefinedPosterior,
+    log_prior,
+    log_sum_exp,
+)
 
 FIRST_LOOK = ((3, math.radians(1.0)), (6, 0.05), (6, 0.05))
 """Around a coarse peak, along heading, y and x: cells on either side, and their size [rad, m, m]."""

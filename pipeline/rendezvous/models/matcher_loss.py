@@ -12,16 +12,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import torch
 from torch import Tensor
 from torch.nn import functional
 
 from rendezvous.errors import ConfigError
-
-if TYPE_CHECKING:
-    from rendezvous.models.matcher import Features, Matcher
+from rendezvous.models.matcher import Features, Matcher
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -17,7 +17,7 @@ import torch
 from rendezvous.geometry.camera import Image, PinholeCamera
 from rendezvous.geometry.cuboid import project_cuboid
 from rendezvous.geometry.se2 import Array
-from rendezvous.models.relative_pose import RelativePoseNet
+from rendezvous.models.relative_pose_network import RelativePoseNet
 from rendezvous.pose_estimation.cuboid_pose import Reading, readings_in_space, readings_on_floor
 from rendezvous.pose_estimation.cuboids import DetectedCuboid, detect_cuboids
 from rendezvous.pose_estimation.dope_labels import Maps

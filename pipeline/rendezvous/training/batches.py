@@ -1,12 +1,14 @@
-"""Batches by their number, for any model: who loads them, and in which order rows come.
+"""Batches by their number for any model: the order of their rows, and their loader.
 
 A batch is a mapping of tensors, the samples along the first axis of each.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from typing import Any, TypeVar, cast
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import count
+from typing import Any, Generic, TypeVar, cast
 
 import cv2
 import numpy as np
@@ -17,24 +19,57 @@ from torch.utils.data import DataLoader, Dataset, Sampler
 from rendezvous.seeds import stream
 
 AnyBatch = TypeVar("AnyBatch", bound=Mapping[str, Any])
+AnySample = TypeVar("AnySample")
 
 _BATCHES_AHEAD = 4
 
 
 class EpochOrder:
-    """Every epoch is a permutation of all rows."""
+    """Rows in an order in which every epoch is a permutation of all rows."""
 
     def __init__(self, rows: int, *, seed: int) -> None:
         self._rows, self._seed = rows, seed
         self._permutation: tuple[int, NDArray[np.int64]] | None = None
 
     def row(self, number: int) -> int:
-        """The row that a sample is drawn from, by the sample's number."""
+        """The row for a sample's number."""
         epoch, place = divmod(number, self._rows)
         if self._permutation is None or self._permutation[0] != epoch:
             order = stream(self._seed, "train", "epoch", epoch).permutation(self._rows)
             self._permutation = (epoch, order)
         return int(self._permutation[1][place])
+
+
+class NumberedBatches(Dataset[AnyBatch], ABC, Generic[AnySample, AnyBatch]):
+    """Batches by the number of the step. A sample is a function of the seed and its own number alone.
+
+    Any number of workers and processes, and a run that was killed and resumes, see the same samples.
+
+    Attributes:
+        batch_size: samples of this process in a batch.
+        rank, processes: number of this process among those that share each step, and their count.
+    """
+
+    def __init__(self, *, seed: int, batch_size: int, rank: int = 0, processes: int = 1) -> None:
+        self.seed, self.batch_size, self.rank, self.processes = seed, batch_size, rank, processes
+
+    def __getitem__(self, step: int) -> AnyBatch:
+        first = (step * self.processes + self.rank) * self.batch_size
+        return self.batch([self.sample(number) for number in range(first, first + self.batch_size)])
+
+    @abstractmethod
+    def sample(self, number: int) -> AnySample:
+        """One sample by its number."""
+
+    @abstractmethod
+    def batch(self, samples: list[AnySample]) -> AnyBatch:
+        """Samples side by side."""
+
+
+def evenly_spread(rows: Sequence[int], count: int) -> list[int]:
+    """At most `count` of the rows, evenly spread."""
+    places = np.linspace(0, len(rows) - 1, min(count, len(rows))).round()
+    return [rows[int(place)] for place in places]
 
 
 def training_loader(
@@ -43,9 +78,9 @@ def training_loader(
     """Endless batches in order.
 
     Args:
-        batches: what to load, by the number of the step.
+        batches: by the number of the step.
         first_step: number of the first batch.
-        workers: processes that draw samples beside the one that trains; 0: it draws them itself.
+        workers: processes that draw samples; with 0 the training process draws them itself.
         pin_memory: for copies to a GPU.
     """
     return DataLoader(
@@ -66,7 +101,7 @@ def moved(batch: AnyBatch, device: torch.device) -> AnyBatch:
 
 
 def samples_in(batch: Mapping[str, Any]) -> int:
-    """How many samples lie side by side."""
+    """Number of samples in a batch."""
     return len(next(iter(batch.values())))
 
 
@@ -75,10 +110,7 @@ class _StepsFrom(Sampler[int]):
         self._first_step = first_step
 
     def __iter__(self) -> Iterator[int]:
-        step = self._first_step
-        while True:
-            yield step
-            step += 1
+        return count(self._first_step)
 
 
 def _init_worker(_worker: int) -> None:

@@ -85,7 +85,7 @@ def read_checkpoint(data: bytes, *, where: str) -> Checkpoint:
     return Checkpoint(record=record, tensors=tensors)
 
 
-def retold(checkpoint: Checkpoint, **told: Any) -> bytes:
+def with_record(checkpoint: Checkpoint, **told: Any) -> bytes:
     """The same file with more in its record."""
     return _bytes(checkpoint.tensors, {**checkpoint.record, **told})
 

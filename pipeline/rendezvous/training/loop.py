@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Generic, Protocol, TypeVar
@@ -12,15 +14,7 @@ from torch import Tensor, nn
 from rendezvous.errors import ConfigError
 from rendezvous.seeds import stream
 from rendezvous.training.batches import AnyBatch, moved, samples_in
-from rendezvous.training.curve import CurvePoint
-from rendezvous.training.model import TrainableModel
-from rendezvous.training.optimiser import (
-    adamw,
-    averaged_copy,
-    learning_rate,
-    set_learning_rate,
-    update_average,
-)
+from rendezvous.training.model import CurvePoint, TrainableModel
 from rendezvous.training.parameters import Budget, Optimisation
 from rendezvous.training.processes import Processes
 
@@ -51,9 +45,10 @@ class TrainingState(Generic[Model]):
     curve: list[CurvePoint] = field(default_factory=list)
 
     @staticmethod
-    def fresh(model: Model, settings: Optimisation) -> TrainingState[Model]:
-        """The state before the first step."""
-        return TrainingState(model=model, average=averaged_copy(model), optimizer=adamw(model, settings))
+    def fresh(model: Model, optimisation: Optimisation) -> TrainingState[Model]:
+        """The state before the first step; the average starts from the same weights and needs no gradient."""
+        average = copy.deepcopy(model).requires_grad_(False).eval()
+        return TrainingState(model=model, average=average, optimizer=adamw(model, optimisation))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -85,7 +80,7 @@ class Observer(Protocol[Model]):
 def fit(
     state: TrainingState[Model],
     batches: Iterable[AnyBatch],
-    settings: Optimisation,
+    optimisation: Optimisation,
     budget: Budget,
     *,
     seed: int,
@@ -98,7 +93,7 @@ def fit(
     Args:
         state: where to begin; changed in place.
         batches: those of this process, from number `state.step` on.
-        settings: how.
+        optimisation: how.
         budget: how long.
         seed: of what models draw from PyTorch's generator in a step.
         processes: this process among those that train together.
@@ -109,27 +104,28 @@ def fit(
         ConfigError: the loss is not finite.
     """
     model = processes.synchronised(_Loss(state.model)).train()
-    highest = settings.learning_rate or state.model.suitable_learning_rate
+    highest = optimisation.learning_rate or state.model.suitable_learning_rate
     began_s = clock() - state.elapsed_s
     for batch in batches:
         spent = processes.agreed(budget.spent(state.samples, clock() - began_s))
         if spent >= 1.0:
             break
-        rate = learning_rate(spent, settings, highest=highest)
-        set_learning_rate(state.optimizer, rate)
+        rate = learning_rate(spent, optimisation, highest=highest)
+        for group in state.optimizer.param_groups:
+            group["lr"] = rate
         torch.manual_seed(int(stream(seed, "step", state.step, processes.rank).integers(2**62)))
-        with _autocast(settings, processes.device):
+        with _autocast(optimisation, processes.device):
             loss, figures = model(moved(batch, processes.device))
         state.optimizer.zero_grad(set_to_none=True)
         loss.backward()
-        norm = nn.utils.clip_grad_norm_(state.model.parameters(), settings.clip_norm)
+        norm = nn.utils.clip_grad_norm_(state.model.parameters(), optimisation.clip_norm)
         shown = processes.mean(float(loss.detach()))
         _check_finite(shown, float(norm), state.step)
         state.optimizer.step()
         state.step += 1
         state.samples += samples_in(batch) * processes.count
         state.loss_sum, state.loss_steps = state.loss_sum + shown, state.loss_steps + 1
-        update_average(state.average, state.model, step=state.step, decay=settings.ema_decay)
+        update_average(state.average, state.model, step=state.step, decay=optimisation.ema_decay)
         state.elapsed_s = clock() - began_s
         observer.after(
             state,
@@ -148,8 +144,8 @@ class _Loss(nn.Module):
         return self.model.loss(batch)
 
 
-def _autocast(settings: Optimisation, device: torch.device) -> torch.autocast:
-    return torch.autocast(device.type, dtype=torch.bfloat16, enabled=settings.precision == "bf16")
+def _autocast(optimisation: Optimisation, device: torch.device) -> torch.autocast:
+    return torch.autocast(device.type, dtype=torch.bfloat16, enabled=optimisation.precision == "bf16")
 
 
 def _check_finite(loss: float, norm: float, step: int) -> None:
@@ -158,3 +154,43 @@ def _check_finite(loss: float, norm: float, step: int) -> None:
             f"step {step}: the loss is {loss}, the gradient's norm {norm}; must be finite: "
             "a lower optimisation.learning_rate or precision fp32 may help"
         )
+
+
+def adamw(model: nn.Module, optimisation: Optimisation) -> torch.optim.AdamW:
+    """AdamW that lets decay only weights of two axes or more: no biases, gains of norms, or scales.
+
+    Its rate is set at each step.
+    """
+    parameters = [p for p in model.parameters() if p.requires_grad]
+    groups = [
+        {"params": [p for p in parameters if p.ndim >= 2], "weight_decay": optimisation.weight_decay},
+        {"params": [p for p in parameters if p.ndim < 2], "weight_decay": 0.0},
+    ]
+    return torch.optim.AdamW([group for group in groups if group["params"]], betas=(0.9, 0.98))
+
+
+def learning_rate(spent: float, optimisation: Optimisation, *, highest: float) -> float:
+    """The rate once a share of the budget is spent: up a straight line, down half a cosine."""
+    warmup = optimisation.warmup_share
+    if spent < warmup:
+        # Time may not have moved yet at the first step, which shall move the weights nevertheless.
+        return highest * max(spent / warmup, 1e-3)
+    share = (spent - warmup) / (1.0 - warmup)
+    final = optimisation.final_share
+    return highest * (final + (1.0 - final) * 0.5 * (1.0 + math.cos(math.pi * min(share, 1.0))))
+
+
+@torch.no_grad()
+def update_average(average: nn.Module, model: nn.Module, *, step: int, decay: float) -> None:
+    """Move the average towards the model; early on faster, so that the first weights are forgotten.
+
+    Args:
+        average: changed in place.
+        model: after step number `step`, the first being 1.
+        step: how many steps were taken.
+        decay: what is kept of the average at a late step.
+    """
+    kept = min(decay, step / (10.0 + step))
+    torch._foreach_lerp_(list(average.parameters()), list(model.parameters()), 1.0 - kept)
+    for mine, theirs in zip(average.buffers(), model.buffers(), strict=True):
+        mine.copy_(theirs)

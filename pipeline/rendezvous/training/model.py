@@ -1,23 +1,47 @@
-"""What training and evaluation ask of a model."""
+"""What training asks of a model, and the points of its curve."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from dataclasses import asdict, dataclass
 from typing import Any, ClassVar, Generic
 
 from torch import Tensor, nn
 
 from rendezvous.training.batches import AnyBatch
-from rendezvous.training.curve import CurvePoint, FrameErrorPoint
-from rendezvous.training.frame_error.data import Batch
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CurvePoint(ABC):
+    """A point of the training curve; each kind of model adds its own errors.
+
+    Attributes:
+        samples: seen so far.
+        elapsed_s: time in training, validation included.
+        training_loss: mean since the last point.
+        validation_loss: of the averaged weights.
+    """
+
+    samples: int
+    elapsed_s: float
+    training_loss: float
+    validation_loss: float
+
+    def as_dict(self) -> dict[str, float | None]:
+        """Values by field; None where there is no value."""
+        return asdict(self)
+
+    @abstractmethod
+    def summary(self) -> str:
+        """One line for the terminal."""
 
 
 class TrainableModel(nn.Module, ABC, Generic[AnyBatch]):
-    """A network with what it is trained on.
+    """A network and its loss.
 
     Attributes:
-        suitable_learning_rate: the highest with which it learns well in batches of about ten.
-        point: what a validation of it finds.
+        suitable_learning_rate: the highest at which it learns well in batches of about ten.
+        point: the kind of its curve's points.
     """
 
     suitable_learning_rate: ClassVar[float]
@@ -25,22 +49,8 @@ class TrainableModel(nn.Module, ABC, Generic[AnyBatch]):
 
     @abstractmethod
     def config(self) -> dict[str, Any]:
-        """All that its network is built from, as JSON holds it; weights are kept with it."""
+        """The network's config as JSON holds it; it is kept with the weights."""
 
     @abstractmethod
     def loss(self, batch: AnyBatch) -> tuple[Tensor, dict[str, float]]:
-        """What is minimised, a scalar, and figures to watch."""
-
-
-class FrameErrorModel(TrainableModel[Batch]):
-    """A network that finds the frame error in a window, with what it is trained on."""
-
-    point = FrameErrorPoint
-
-    @abstractmethod
-    def theta(self, cells_B2NN: Tensor, sight_B2NN: Tensor) -> Tensor:
-        """(B, 3) float32 estimated frame error: x [m], y [m], yaw [rad].
-
-        Args:
-            cells_B2NN, sight_B2NN: as in `Batch`.
-        """
+        """The loss, a scalar, and figures to watch."""

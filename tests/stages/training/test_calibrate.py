@@ -13,7 +13,7 @@ from rendezvous.models.matcher_calibration import MatcherCalibration
 from rendezvous.stages.pack import pack
 from rendezvous.stages.training import calibrate
 from rendezvous.stages.weights.trained_estimators import load
-from rendezvous.training.checkpoint import read_checkpoint, retold, weights_bytes
+from rendezvous.training.checkpoint import read_checkpoint, weights_bytes, with_record
 from rendezvous.training.frame_error.registry import build_model
 from rendezvous.training.loop import TrainingState
 from rendezvous.training.parameters import Optimisation, Sampling
@@ -64,7 +64,7 @@ def test_weights_are_kept_and_a_calibration_is_added(data, tmp_path, monkeypatch
     search = SearchRange(xy_m=1.0, yaw_rad=0.3)
     assert load(weights.read_bytes(), "matcher", search, where="w", threads=1).estimator.calibration == found
     # Once more it starts from the scores, not from what was found before, be that of use or not.
-    weights.write_bytes(retold(after, calibration={"of": "another version"}))
+    weights.write_bytes(with_record(after, calibration={"of": "another version"}))
     assert _called(weights, data)[0] == 0
     assert read_checkpoint(weights.read_bytes(), where="again").record == after.record
 

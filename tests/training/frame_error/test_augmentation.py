@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import compress
+
 import cv2
 import numpy as np
 import pytest
@@ -10,10 +12,10 @@ from rendezvous.errors import ConfigError
 from rendezvous.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, overlap
 from rendezvous.geometry.se2 import SE2
 from rendezvous.training.frame_error.augmentation import Augmentation, augmented
-from rendezvous.training.frame_error.clutter import draw_things, with_things
+from rendezvous.training.frame_error.clutter import draw_obstacles, with_obstacles
 from rendezvous.training.frame_error.defects import bent, beyond_line_unknown, ragged, specked, thickened
 from rendezvous.training.frame_error.pairs import PairTable
-from rendezvous.training.frame_error.rays import rescanned, with_spurious_rays
+from rendezvous.training.frame_error.rescan import rescanned, with_spurious_rays
 
 from tests.conftest import ROOT
 
@@ -189,19 +191,19 @@ def test_cuts_lower_the_overlap_but_leave_a_strip(pairs: PairTable):
 
 def test_things_stand_at_one_place_in_both_maps(pairs: PairTable):
     pair = pairs[0]
-    things = draw_things(pair, count=12, rng=rng(5))
-    in_both = tuple(t for t, shown in zip(things.things, things.shown.all(axis=1), strict=True) if shown)
+    obstacles = draw_obstacles(pair, count=12, rng=rng(5))
+    in_both = tuple(compress(obstacles.obstacles, obstacles.shown.all(axis=1)))
     assert 0 < len(in_both) <= 12
     seen_m, T_m0_r0 = np.array([pair.T_m0_r1.x_m, pair.T_m0_r1.y_m]), pair.T_m0_r0
     assert T_m0_r0 is not None
     line_m = np.linspace((T_m0_r0.x_m, T_m0_r0.y_m), seen_m, 50)
-    outlines_m = np.vstack([outline for thing in things.things for outline in thing.outlines_m])
+    outlines_m = np.vstack([outline for obstacle in obstacles.obstacles for outline in obstacle.outlines_m])
     assert np.hypot(*np.moveaxis(outlines_m[:, None] - line_m, -1, 0)).min() > 0.15
     grids = (
-        with_things(pair.grid_0, in_both, SE2.identity()),
-        with_things(pair.grid_1, in_both, pair.T_m0_m1.inverse()),
+        with_obstacles(pair.grid_0, in_both, SE2.identity()),
+        with_obstacles(pair.grid_1, in_both, pair.T_m0_m1.inverse()),
     )
-    outlines_m0 = np.vstack([outline for thing in in_both for outline in thing.outlines_m])
+    outlines_m0 = np.vstack([outline for obstacle in in_both for outline in obstacle.outlines_m])
     found = 0
     for grid, before, T_m_m0 in zip(
         grids, (pair.grid_0, pair.grid_1), (SE2.identity(), pair.T_m0_m1.inverse()), strict=True

@@ -12,8 +12,13 @@ from rendezvous.errors import ConfigError
 from rendezvous.training.frame_error.data import TrainingBatches
 from rendezvous.training.frame_error.pairs import PairTable
 from rendezvous.training.frame_error.perturbation import PerturbationRange
-from rendezvous.training.frame_error.registry import MODEL_NAMES, MatcherModel, build_model, rebuilt_model
-from rendezvous.training.model import FrameErrorModel
+from rendezvous.training.frame_error.registry import (
+    MODEL_NAMES,
+    FrameErrorModel,
+    MatcherModel,
+    build_model,
+    rebuilt_model,
+)
 from rendezvous.training.parameters import Sampling
 
 SAMPLING = Sampling(window_cells=96, window_cell_m=0.1, perturbation=PerturbationRange(xy_m=0.5, yaw_rad=0.2))

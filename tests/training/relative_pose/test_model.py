@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 import torch
 from rendezvous.errors import ConfigError
-from rendezvous.models.relative_pose import RelativePoseConfig, RelativePoseNet
+from rendezvous.models.relative_pose_network import RelativePoseConfig, RelativePoseNet
 from rendezvous.training.batches import training_loader
 from rendezvous.training.checkpoint import checkpoint_bytes, read_checkpoint, restore_in_place
-from rendezvous.training.curve import PosePoint
 from rendezvous.training.loop import TrainingState, fit
 from rendezvous.training.parameters import Budget, Optimisation
 from rendezvous.training.processes import Processes
@@ -22,7 +21,7 @@ from rendezvous.training.relative_pose.data import (
     pose_batch,
     validation_samples,
 )
-from rendezvous.training.relative_pose.model import build_pose_model
+from rendezvous.training.relative_pose.model import PosePoint, build_pose_model
 from rendezvous.training.relative_pose.poses import PoseTable
 from rendezvous.training.relative_pose.sampling import PoseSampling
 from rendezvous.training.relative_pose.validation import PoseValidation

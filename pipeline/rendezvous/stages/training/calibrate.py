@@ -10,12 +10,12 @@ from rich.console import Console
 from rendezvous.alignment.window import DEFAULT_SEARCH
 from rendezvous.engine.progress import meter
 from rendezvous.errors import ConfigError
-from rendezvous.models.matcher_calibration import MatcherCalibration, Reading, fitted
+from rendezvous.models.matcher_calibration import CalibrationPair, MatcherCalibration, fitted
 from rendezvous.models.matcher_estimator import MatcherEstimator
 from rendezvous.stages.weights.trained_estimators import load
 from rendezvous.store.disk import Disk
 from rendezvous.store.read import StageReader
-from rendezvous.training.checkpoint import read_checkpoint, retold
+from rendezvous.training.checkpoint import read_checkpoint, with_record
 from rendezvous.training.frame_error.pairs import PairTable, read_pairs
 from rendezvous.training.frame_error.perturbation import (
     PerturbationRange,
@@ -49,7 +49,7 @@ def calibrate(
     disk = Disk(str(weights.parent))
     found, where = read_checkpoint(disk.read(weights.name), where=str(weights)), str(weights)
     # As the scores have it, whatever an earlier calibration said.
-    bare = retold(found, calibration=MatcherCalibration().as_dict())
+    bare = with_record(found, calibration=MatcherCalibration().as_dict())
     estimator = load(bare, "matcher", DEFAULT_SEARCH, where=where, threads=threads).estimator
     assert isinstance(estimator, MatcherEstimator)
     pairs = read_pairs(StageReader(dataset, "pack"), _SPLIT)
@@ -60,7 +60,7 @@ def calibrate(
         )
     calibration = fitted(readings)
     told = {"pairs": len(readings), "data": pairs.digest()}
-    disk.write(weights.name, retold(found, calibration=calibration.as_dict(), calibrated_on=told))
+    disk.write(weights.name, with_record(found, calibration=calibration.as_dict(), calibrated_on=told))
     console.print(_told(calibration, len(readings)), highlight=False)
     return calibration
 
@@ -76,7 +76,7 @@ def _told(calibration: MatcherCalibration, pairs: int) -> str:
 
 def _readings(
     estimator: MatcherEstimator, pairs: PairTable, seed: int, count: int, console: Console
-) -> list[Reading]:
+) -> list[CalibrationPair]:
     count = min(count, len(pairs))
     readings = []
     with meter("calibrate", total=count, console=console, parts="pairs", rows="pairs") as progress:
@@ -86,6 +86,6 @@ def _readings(
             sample = perturbed_pair(pair, perturbation)
             if sample.window.cells.any(axis=(1, 2)).all():
                 posterior = estimator.posterior(sample.window)
-                readings.append(Reading(posterior=posterior, theta=sample.theta_v))
+                readings.append(CalibrationPair(posterior=posterior, theta=sample.theta_v))
             progress.advance(1, made=True)
     return readings

@@ -24,7 +24,7 @@ from rendezvous.stages.training.seen_images import SeenImage, digest_of_images, 
 from rendezvous.stages.weights.pose_weights import load_relative_pose
 from rendezvous.store.disk import Disk
 from rendezvous.store.read import StageReader
-from rendezvous.training.checkpoint import read_checkpoint, retold
+from rendezvous.training.checkpoint import read_checkpoint, with_record
 
 IMAGES = 600
 """So many, drawn at random from the validation split, tell a coverage to within two points."""
@@ -59,12 +59,12 @@ def calibrate_pose(
     disk = Disk(str(weights.parent))
     checkpoint = read_checkpoint(disk.read(weights.name), where=str(weights))
     # As the maps have it, whatever an earlier calibration said.
-    bare = retold(checkpoint, calibration=PoseCalibration().as_dict())
+    bare = with_record(checkpoint, calibration=PoseCalibration().as_dict())
     estimator = load_relative_pose(bare, where=str(weights))
     images = read_images(StageReader(dataset, "pack"), _SPLIT, count=count, seed=seed)
     calibration, found = _calibration(estimator, images, dataset, console)
     told = {"images": len(images), "found": found, "data": digest_of_images(images)}
-    disk.write(weights.name, retold(checkpoint, calibration=calibration.as_dict(), calibrated_on=told))
+    disk.write(weights.name, with_record(checkpoint, calibration=calibration.as_dict(), calibrated_on=told))
     console.print(_told(calibration, len(images), found), highlight=False)
     return calibration
 

@@ -121,7 +121,7 @@ class Recorder(Generic[Model]):
         )
         state.curve.append(point)
         state.loss_sum, state.loss_steps = 0.0, 0
-        self._say(point.told())
+        self._say(point.summary())
         if self._events is not None:
             for name, value in point.as_dict().items():
                 if value is not None:

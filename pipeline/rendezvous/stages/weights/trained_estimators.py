@@ -16,14 +16,18 @@ from rendezvous.alignment.window import WINDOW_CELL_M, WINDOW_CELLS, MapWindow, 
 from rendezvous.errors import ConfigError
 from rendezvous.evaluation.frame_error.table_one import model_of
 from rendezvous.geometry.se2 import SE2, Array
-from rendezvous.models.attention import attention_rollout
-from rendezvous.models.frame_error import FrameErrorViT, input_grid
+from rendezvous.models.frame_error_network import FrameErrorViT, attention_rollout, input_grid
 from rendezvous.models.matcher_calibration import MatcherCalibration
 from rendezvous.models.matcher_estimator import MatcherEstimator
-from rendezvous.models.refined_posterior import RefinedPosterior
+from rendezvous.models.posterior import RefinedPosterior
 from rendezvous.training.checkpoint import fit_weights_in_place, read_checkpoint
-from rendezvous.training.frame_error.registry import DEFAULT_MODEL, MatcherModel, PaperModel, rebuilt_model
-from rendezvous.training.model import FrameErrorModel
+from rendezvous.training.frame_error.registry import (
+    DEFAULT_MODEL,
+    FrameErrorModel,
+    MatcherModel,
+    PaperModel,
+    rebuilt_model,
+)
 from rendezvous.training.parameters import Sampling
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from rendezvous.errors import ConfigError, require_within
 from rendezvous.geometry.occupancy_grid import OccupancyGrid
 from rendezvous.geometry.se2 import SE2
-from rendezvous.training.frame_error.clutter import draw_things, with_things
+from rendezvous.training.frame_error.clutter import draw_obstacles, with_obstacles
 from rendezvous.training.frame_error.defects import (
     bent,
     beyond_line_unknown,
@@ -25,7 +25,7 @@ from rendezvous.training.frame_error.defects import (
     thickened,
 )
 from rendezvous.training.frame_error.pairs import MapPair
-from rendezvous.training.frame_error.rays import rescanned, with_spurious_rays
+from rendezvous.training.frame_error.rescan import rescanned, with_spurious_rays
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -86,8 +86,8 @@ def augmented(pair: MapPair, settings: Augmentation, rng: np.random.Generator) -
     grids = [pair.grid_0, pair.grid_1]
     T_m_m0 = (SE2.identity(), pair.T_m0_m1.inverse())
     if rng.random() < settings.furniture:
-        things = draw_things(pair, count=int(rng.integers(1, settings.furniture_things + 1)), rng=rng)
-        grids = [with_things(grid, things.seen_by(i), T_m_m0[i]) for i, grid in enumerate(grids)]
+        obstacles = draw_obstacles(pair, count=int(rng.integers(1, settings.furniture_things + 1)), rng=rng)
+        grids = [with_obstacles(grid, obstacles.seen_by(i), T_m_m0[i]) for i, grid in enumerate(grids)]
     meeting = (pair.T_m0_r1, pair.T_m1_r1)
     grids = [_with_defects(grid, T_m_r1, settings, rng) for grid, T_m_r1 in zip(grids, meeting, strict=True)]
     if rng.random() < settings.cut:

@@ -1,8 +1,9 @@
-"""Things that stand about: boxes, round ones and the legs of tables, drawn into maps by their outlines."""
+"""Obstacles that stand about: boxes, round ones and the legs of tables, drawn into maps by their outlines."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import compress
 from typing import NamedTuple
 
 import cv2
@@ -13,32 +14,32 @@ from rendezvous.geometry.se2 import SE2, Array
 from rendezvous.training.frame_error.pairs import MapPair
 
 _IN_BOTH = 0.7
-"""Share of things that stand in both maps: the others were moved between the two visits."""
+"""Share of obstacles that stand in both maps: the others were moved between the two visits."""
 
 _ROBOT_RADIUS_M = 0.15
 _SUBPIXEL_BITS = 4
 
 
-class Thing(NamedTuple):
+class Obstacle(NamedTuple):
     """Closed outlines in m0, each (N, 2) [m]; a table has four, its legs."""
 
     outlines_m: tuple[Array, ...]
 
 
 @dataclass(frozen=True, slots=True)
-class Things:
+class Obstacles:
     """What stands about, and which maps show it: (N, 2) bool."""
 
-    things: tuple[Thing, ...]
+    obstacles: tuple[Obstacle, ...]
     shown: np.ndarray[tuple[int, int], np.dtype[np.bool_]]
 
-    def seen_by(self, robot: int) -> tuple[Thing, ...]:
-        """The things that one robot's map shows."""
-        return tuple(thing for thing, shown in zip(self.things, self.shown[:, robot], strict=True) if shown)
+    def seen_by(self, robot: int) -> tuple[Obstacle, ...]:
+        """The obstacles that one robot's map shows."""
+        return tuple(compress(self.obstacles, self.shown[:, robot]))
 
 
-def draw_things(pair: MapPair, *, count: int, rng: np.random.Generator) -> Things:
-    """At most `count` things at free cells of either map, uniform; a third each boxes, round ones, tables.
+def draw_obstacles(pair: MapPair, *, count: int, rng: np.random.Generator) -> Obstacles:
+    """At most `count` obstacles at free cells of either map, uniform; a third each boxes, round ones, tables.
 
     None stands on a robot or between the two: they see each other.
     """
@@ -48,19 +49,20 @@ def draw_things(pair: MapPair, *, count: int, rng: np.random.Generator) -> Thing
         for p_m in _free_places(grid, count, rng)
     ]
     which = rng.integers(0, len(places_m0), count) if places_m0 else ()
-    things = [thing for i in which if not _in_the_way(thing := _thing(places_m0[int(i)], rng), pair)]
-    shown = np.ones((len(things), 2), np.bool_)
-    moved = np.flatnonzero(rng.random(len(things)) >= _IN_BOTH)
+    drawn = [_obstacle(places_m0[int(i)], rng) for i in which]
+    obstacles = [obstacle for obstacle in drawn if not _in_the_way(obstacle, pair)]
+    shown = np.ones((len(obstacles), 2), np.bool_)
+    moved = np.flatnonzero(rng.random(len(obstacles)) >= _IN_BOTH)
     shown[moved, rng.integers(0, 2, len(moved))] = False
-    return Things(things=tuple(things), shown=shown)
+    return Obstacles(obstacles=tuple(obstacles), shown=shown)
 
 
-def _in_the_way(thing: Thing, pair: MapPair) -> bool:
-    """Whether a thing is nearer to the line of sight than a robot is wide."""
+def _in_the_way(obstacle: Obstacle, pair: MapPair) -> bool:
+    """Whether a obstacle is nearer to the line of sight than a robot is wide."""
     seen_m = np.array([pair.T_m0_r1.x_m, pair.T_m0_r1.y_m])
     T_m0_r0 = pair.T_m0_r0 or pair.T_m0_r1
     along_m = seen_m - (T_m0_r0.x_m, T_m0_r0.y_m)
-    outline_m = np.concatenate(thing.outlines_m)
+    outline_m = np.concatenate(obstacle.outlines_m)
     centre_m = outline_m.mean(axis=0)
     radius_m = float(np.hypot(*(outline_m - centre_m).T).max())
     share = np.clip((seen_m - centre_m) @ along_m / max(float(along_m @ along_m), 1e-9), 0.0, 1.0)
@@ -77,18 +79,18 @@ def _free_places(grid: OccupancyGrid, count: int, rng: np.random.Generator) -> A
     return grid.T_m_g @ (grid.resolution_m * (np.stack([col, row], axis=1) + 0.5))
 
 
-def _thing(p_m0: Array, rng: np.random.Generator) -> Thing:
-    T_m0_thing = SE2(float(p_m0[0]), float(p_m0[1]), float(rng.uniform(-np.pi, np.pi)))
+def _obstacle(p_m0: Array, rng: np.random.Generator) -> Obstacle:
+    T_m0_obstacle = SE2(float(p_m0[0]), float(p_m0[1]), float(rng.uniform(-np.pi, np.pi)))
     kind = rng.integers(3)
     if kind == 0:  # a chest, a shelf, a bed: 0.2 to 1.6 m by 0.2 to 0.8 m
-        return Thing((T_m0_thing @ _box(rng.uniform(0.2, 1.6), rng.uniform(0.2, 0.8)),))
+        return Obstacle((T_m0_obstacle @ _box(rng.uniform(0.2, 1.6), rng.uniform(0.2, 0.8)),))
     if kind == 1:  # a bin, a column, a plant
         angles_rad = np.linspace(0.0, 2.0 * np.pi, 10, endpoint=False)
         circle = np.stack([np.cos(angles_rad), np.sin(angles_rad)], axis=1)
-        return Thing((T_m0_thing @ (rng.uniform(0.08, 0.35) * circle),))
+        return Obstacle((T_m0_obstacle @ (rng.uniform(0.08, 0.35) * circle),))
     half_m = rng.uniform(0.2, 0.7, 2) / np.array([1.0, 1.5])
     corners = half_m * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
-    return Thing(tuple(T_m0_thing @ (corner + _box(0.05, 0.05)) for corner in corners))
+    return Obstacle(tuple(T_m0_obstacle @ (corner + _box(0.05, 0.05)) for corner in corners))
 
 
 def _box(length_m: float, width_m: float) -> Array:
@@ -96,12 +98,13 @@ def _box(length_m: float, width_m: float) -> Array:
     return half * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
 
 
-def with_things(grid: OccupancyGrid, things: tuple[Thing, ...], T_m_m0: SE2) -> OccupancyGrid:
-    """The map with the outlines of things occupied and their inside unknown, as far as it is known there."""
+def with_obstacles(grid: OccupancyGrid, obstacles: tuple[Obstacle, ...], T_m_m0: SE2) -> OccupancyGrid:
+    """The map with the outlines of obstacles occupied and their inside unknown, as far as it is known
+    there."""
     painted = grid.cells.copy()
     T_g_m0 = grid.T_m_g.inverse() @ T_m_m0
-    for thing in things:
-        outlines = [_pixels(T_g_m0 @ outline / grid.resolution_m) for outline in thing.outlines_m]
+    for obstacle in obstacles:
+        outlines = [_pixels(T_g_m0 @ outline / grid.resolution_m) for outline in obstacle.outlines_m]
         for outline in outlines:
             cv2.fillPoly(painted, [outline], UNKNOWN, cv2.LINE_8, _SUBPIXEL_BITS)
         cv2.polylines(painted, outlines, True, OCCUPIED, 1, cv2.LINE_8, _SUBPIXEL_BITS)

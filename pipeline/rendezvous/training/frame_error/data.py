@@ -1,8 +1,5 @@
 """Batches for training and validation, drawn from pairs.
 
-A sample is a function of the seed and its number alone, so that any number of workers and processes, and a
-run that was killed and goes on, see the same samples.
-
 Legend: B sample, 2 map (0, then 1 as the wrong transform places it), N cells along a side of the window.
 """
 
@@ -14,11 +11,10 @@ from typing import TypedDict
 import numpy as np
 import torch
 from torch import Tensor
-from torch.utils.data import Dataset
 
 from rendezvous.geometry.occupancy_grid import Cells
 from rendezvous.seeds import stream
-from rendezvous.training.batches import EpochOrder
+from rendezvous.training.batches import EpochOrder, NumberedBatches, evenly_spread
 from rendezvous.training.frame_error.augmentation import augmented
 from rendezvous.training.frame_error.pairs import PairTable
 from rendezvous.training.frame_error.perturbation import (
@@ -35,7 +31,7 @@ class Batch(TypedDict):
 
     Attributes:
         cells: (B, 2, N, N) uint8 of `alignment.window`'s cells.
-        sight: (B, 2, N, N) uint8 of `alignment.sight`'s cells; all hidden where no sighting is told.
+        sight: (B, 2, N, N) uint8 of `alignment.sight`'s cells; all hidden where it is withheld.
         theta: (B, 3) float32 frame error in the window frame: x [m], y [m], yaw [rad].
     """
 
@@ -44,34 +40,16 @@ class Batch(TypedDict):
     theta: Tensor
 
 
-class TrainingBatches(Dataset[Batch]):
-    """Batches by their number; every epoch is a permutation of all pairs.
+class TrainingBatches(NumberedBatches[PerturbedPair, Batch]):
+    """Batches for training; every epoch is a permutation of all pairs."""
 
-    Attributes:
-        batch_size: samples of this process in a batch.
-        rank, processes: this process among those that share each step.
-    """
-
-    def __init__(
-        self,
-        pairs: PairTable,
-        sampling: Sampling,
-        *,
-        seed: int,
-        batch_size: int,
-        rank: int = 0,
-        processes: int = 1,
-    ) -> None:
-        self.pairs, self.sampling, self.seed = pairs, sampling, seed
-        self.batch_size, self.rank, self.processes = batch_size, rank, processes
+    def __init__(self, pairs: PairTable, sampling: Sampling, *, seed: int, **shares: int) -> None:
+        super().__init__(seed=seed, **shares)
+        self.pairs, self.sampling = pairs, sampling
         self._order = EpochOrder(len(pairs), seed=seed)
 
-    def __getitem__(self, step: int) -> Batch:
-        first = (step * self.processes + self.rank) * self.batch_size
-        return _batch([self.sample(number) for number in range(first, first + self.batch_size)])
-
     def sample(self, number: int) -> PerturbedPair:
-        """One sample by its number."""
+        """One augmented pair, perturbed anew."""
         pair = self.pairs[self._order.row(number)]
         rng, sampling = stream(self.seed, "train", number), self.sampling
         perturbation = draw_perturbation(sampling.perturbation, rng)
@@ -85,21 +63,23 @@ class TrainingBatches(Dataset[Batch]):
             sample = replace(sample, window=sample.window.without_sight())
         return sample
 
+    def batch(self, samples: list[PerturbedPair]) -> Batch:
+        """Samples side by side."""
+        return _batch(samples)
+
 
 def validation_batches(
     pairs: PairTable, sampling: Sampling, *, seed: int, count: int, batch_size: int
 ) -> list[Batch]:
-    """Pairs as they are, spread evenly over the split, each under its fixed perturbation.
+    """Pairs as they are, evenly spread over the split, each under its fixed perturbation.
 
     Args:
         pairs: the split.
         sampling: the range and the window.
         seed: of the perturbations.
-        count: at most so many pairs.
+        count: most pairs.
         batch_size: samples in a batch.
     """
-    count = min(count, len(pairs))
-    chosen = [pairs[int(place)] for place in np.linspace(0, len(pairs) - 1, count).round()]
     samples = [
         perturbed_pair(
             pair,
@@ -107,9 +87,9 @@ def validation_batches(
             cells=sampling.window_cells,
             cell_m=sampling.window_cell_m,
         )
-        for pair in chosen
+        for pair in (pairs[row] for row in evenly_spread(range(len(pairs)), count))
     ]
-    return [_batch(samples[i : i + batch_size]) for i in range(0, count, batch_size)]
+    return [_batch(samples[i : i + batch_size]) for i in range(0, len(samples), batch_size)]
 
 
 def _batch(samples: list[PerturbedPair]) -> Batch:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import torch
@@ -12,7 +13,7 @@ from torch import Tensor
 from rendezvous.alignment.window import MapWindow
 from rendezvous.errors import ConfigError
 from rendezvous.geometry.se2 import SE2
-from rendezvous.models.frame_error import (
+from rendezvous.models.frame_error_network import (
     FrameErrorConfig,
     FrameErrorNet,
     build_frame_error,
@@ -24,9 +25,8 @@ from rendezvous.models.matcher import Matcher, MatcherConfig
 from rendezvous.models.matcher_estimator import MatcherEstimator
 from rendezvous.models.matcher_loss import LossSampling, matcher_loss
 from rendezvous.training.frame_error.data import Batch
-from rendezvous.training.model import FrameErrorModel
+from rendezvous.training.model import CurvePoint, TrainableModel
 from rendezvous.training.parameters import Sampling
-from rendezvous.training.settings import filled
 
 DEFAULT_MODEL = "matcher"
 PAPER_ROWS: dict[str, AblationRow] = {row.name: row for row in ABLATION_ROWS}
@@ -52,14 +52,16 @@ def build_model(name: str, settings: Mapping[str, Any], sampling: Sampling, *, s
     torch.manual_seed(seed)
     if name == DEFAULT_MODEL:
         fixed = {"cell_m": sampling.window_cell_m}
-        config = filled(
-            MatcherConfig, settings, where="train.settings", model=name, fixed=fixed, follows=_FIXED
+        config = MatcherConfig.with_settings(
+            settings, where="train.settings", model=name, fixed=fixed, follows=_FIXED
         )
         _check_divides_window("coarse_factor", config.coarse_factor, sampling)
         return MatcherModel(Matcher(config), sampling)
     row = PAPER_ROWS[name]
     kind = {"vit": row.vit, "lie": row.lie}
-    paper = filled(FrameErrorConfig, settings, where="train.settings", model=name, fixed=kind, follows=_FIXED)
+    paper = FrameErrorConfig.with_settings(
+        settings, where="train.settings", model=name, fixed=kind, follows=_FIXED
+    )
     _check_divides_window("cells", paper.cells, sampling)
     paper = replace(paper, cell_m=sampling.window_cell_m * (sampling.window_cells / paper.cells))
     return PaperModel(build_frame_error(paper, generator=torch.Generator().manual_seed(seed)), row)
@@ -77,9 +79,44 @@ def rebuilt_model(name: str, config: Mapping[str, Any], sampling: Sampling) -> F
         ConfigError: the configuration is not of this model.
     """
     if name == DEFAULT_MODEL:
-        return MatcherModel(MatcherConfig.from_dict(config).build(), sampling)
+        return MatcherModel(Matcher(MatcherConfig.from_dict(config)), sampling)
     network = build_frame_error(FrameErrorConfig.from_dict(config), generator=torch.Generator())
     return PaperModel(network, PAPER_ROWS[name])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FrameErrorPoint(CurvePoint):
+    """A point of the curve of a frame-error model.
+
+    Attributes:
+        error_x_m, error_y_m, error_yaw_rad: mean absolute components of θ̂⁻¹ θ on the validation pairs.
+    """
+
+    error_x_m: float
+    error_y_m: float
+    error_yaw_rad: float
+
+    def summary(self) -> str:
+        """One line for the terminal."""
+        return (
+            f"{self.samples} samples: loss {self.training_loss:.4g}, on validation pairs "
+            f"{self.validation_loss:.4g}, mean error {self.error_x_m:.3f} m, {self.error_y_m:.3f} m, "
+            f"{self.error_yaw_rad:.3f} rad"
+        )
+
+
+class FrameErrorModel(TrainableModel[Batch]):
+    """A network that finds the frame error in a window."""
+
+    point = FrameErrorPoint
+
+    @abstractmethod
+    def theta(self, cells_B2NN: Tensor, sight_B2NN: Tensor) -> Tensor:
+        """(B, 3) float32 estimated frame error: x [m], y [m], yaw [rad].
+
+        Args:
+            cells_B2NN, sight_B2NN: as in `Batch`.
+        """
 
 
 class PaperModel(FrameErrorModel):

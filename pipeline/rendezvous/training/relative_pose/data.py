@@ -1,8 +1,5 @@
 """Batches for training and validating the pose network, drawn from images of the robot.
 
-A sample is a function of the seed and its number alone, so that any number of workers and processes, and a
-run that was killed and goes on, see the same samples.
-
 Legend: B sample, 3 red green blue, H W rows and columns of the input, h w of the maps, 9 belief maps, 16
 vector fields.
 """
@@ -17,7 +14,6 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
-from torch.utils.data import Dataset
 
 from rendezvous.errors import StoreError
 from rendezvous.geometry.camera import Image
@@ -25,7 +21,7 @@ from rendezvous.geometry.se2 import Array
 from rendezvous.pose_estimation.dope_labels import Maps, belief_maps, vector_fields
 from rendezvous.pose_estimation.look import STRIDE_PX
 from rendezvous.seeds import stream
-from rendezvous.training.batches import EpochOrder
+from rendezvous.training.batches import EpochOrder, NumberedBatches, evenly_spread
 from rendezvous.training.relative_pose.augmentation import augmented_image
 from rendezvous.training.relative_pose.looks import draw_close_look, draw_look_elsewhere, draw_wide_look
 from rendezvous.training.relative_pose.poses import PoseImage, PoseTable
@@ -97,36 +93,17 @@ class _Looker:
         return PoseSample(image=look.cut(pose.image), uv_px=np.full((9, 2), np.nan), close=False)
 
 
-class PoseTrainingBatches(Dataset[PoseBatch]):
-    """Batches by their number, drawn in permutations of the images that show the robot.
+class PoseTrainingBatches(NumberedBatches[PoseSample, PoseBatch]):
+    """Batches for training, drawn in permutations of the images that show the robot."""
 
-    Attributes:
-        batch_size: samples of this process in a batch.
-        rank, processes: this process among those that share each step.
-    """
-
-    def __init__(
-        self,
-        poses: PoseTable,
-        sampling: PoseSampling,
-        *,
-        seed: int,
-        batch_size: int,
-        rank: int = 0,
-        processes: int = 1,
-    ) -> None:
-        self.sampling, self.seed = sampling, seed
-        self.batch_size, self.rank, self.processes = batch_size, rank, processes
+    def __init__(self, poses: PoseTable, sampling: PoseSampling, *, seed: int, **shares: int) -> None:
+        super().__init__(seed=seed, **shares)
+        self.sampling = sampling
         self._looker = _Looker(poses, sampling)
         plausible = [row for row in self._looker.showing if poses.plausible[row]]
         free = [row for row in self._looker.showing if not poses.plausible[row]]
         self._rows = plausible or free, free or plausible
         self._orders = [EpochOrder(len(rows), seed=seed) for rows in self._rows]
-
-    def __getitem__(self, step: int) -> PoseBatch:
-        first = (step * self.processes + self.rank) * self.batch_size
-        samples = [self.sample(number) for number in range(first, first + self.batch_size)]
-        return pose_batch(samples, self.sampling)
 
     def sample(self, number: int) -> PoseSample:
         """One sample by its number."""
@@ -135,6 +112,10 @@ class PoseTrainingBatches(Dataset[PoseBatch]):
         sample = self._look(self._rows[kind][self._orders[kind].row(number)], rng)
         image = augmented_image(sample.image, _box_px(sample), self.sampling.augmentation, rng)
         return PoseSample(image=image, uv_px=sample.uv_px, close=sample.close)
+
+    def batch(self, samples: list[PoseSample]) -> PoseBatch:
+        """Samples side by side."""
+        return pose_batch(samples, self.sampling)
 
     def _look(self, row: int, rng: np.random.Generator) -> PoseSample:
         if rng.random() < self.sampling.absent_share:
@@ -162,7 +143,7 @@ def validation_samples(
     """
     looker = _Looker(poses, sampling)
     samples = list[PoseSample]()
-    for row in _spread(looker.showing, count):
+    for row in evenly_spread(looker.showing, count):
         rng = stream(seed, "validation", row)
         samples += [looker.at_robot(row, rng, close=close) for close in (True, False)]
         elsewhere = looker.elsewhere(row, rng)
@@ -224,9 +205,3 @@ def _box_px(sample: PoseSample) -> Array:
     if not sample.shows_robot:
         return np.array([[0.25 * side_px] * 2, [0.75 * side_px] * 2])
     return np.array([sample.uv_px.min(axis=0), sample.uv_px.max(axis=0)])
-
-
-def _spread(rows: list[int], count: int) -> list[int]:
-    """At most so many, evenly."""
-    places = np.linspace(0, len(rows) - 1, min(count, len(rows))).round()
-    return [rows[int(place)] for place in places]

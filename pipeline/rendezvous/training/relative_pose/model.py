@@ -3,20 +3,45 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import torch
 from torch import Tensor
 
 from rendezvous.errors import ConfigError
-from rendezvous.models.relative_pose import RelativePoseConfig, RelativePoseNet, relative_pose_loss
-from rendezvous.training.curve import PosePoint
-from rendezvous.training.model import TrainableModel
+from rendezvous.models.relative_pose_network import RelativePoseConfig, RelativePoseNet, relative_pose_loss
+from rendezvous.training.model import CurvePoint, TrainableModel
 from rendezvous.training.relative_pose.data import PoseBatch
-from rendezvous.training.settings import filled
 
 POSE_MODEL = "relative-pose"
 _FEATURES = "features."
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PosePoint(CurvePoint):
+    """A point of the curve of a pose network; distances in pixels of its input.
+
+    Attributes:
+        keypoints_found: share of the keypoints in close looks whose belief map has a peak.
+        mean_distance_px, median_distance_px: from those peaks to the keypoints; None if none is found.
+        false_peaks: share of looks without the robot that show a centroid nevertheless.
+    """
+
+    keypoints_found: float
+    mean_distance_px: float | None
+    median_distance_px: float | None
+    false_peaks: float
+
+    def summary(self) -> str:
+        """One line for the terminal."""
+        found = f"{100.0 * self.keypoints_found:.1f} % of keypoints found"
+        if self.mean_distance_px is not None:
+            found += f", off by {self.mean_distance_px:.2f} px, median {self.median_distance_px:.2f} px"
+        return (
+            f"{self.samples} samples: loss {self.training_loss:.4g}, on validation images "
+            f"{self.validation_loss:.4g}; {found}; false centroids {100.0 * self.false_peaks:.1f} %"
+        )
 
 
 class PoseModel(TrainableModel[PoseBatch]):
@@ -66,7 +91,9 @@ def build_pose_model(
     Raises:
         ConfigError: a setting is wrong, or the features do not fit.
     """
-    config = filled(RelativePoseConfig, settings, where="train_pose.settings", model=POSE_MODEL, fixed={})
+    config = RelativePoseConfig.with_settings(
+        settings, where="train_pose.settings", model=POSE_MODEL, fixed={}
+    )
     torch.manual_seed(seed)
     network = RelativePoseNet(config)
     if initial_features is not None:

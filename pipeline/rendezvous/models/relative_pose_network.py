@@ -11,14 +11,14 @@ corner).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
-from typing import Any, Literal
+from dataclasses import dataclass
+from typing import Literal
 
 import torch
 from torch import Tensor, nn
 
 from rendezvous.errors import ConfigError, require_within
+from rendezvous.models.config import Config
 
 BELIEFS, FIELDS = 9, 16
 VGG_MEAN, VGG_STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
@@ -29,7 +29,7 @@ _GROUP = 16
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class RelativePoseConfig:
+class RelativePoseConfig(Config):
     """What the network is built from.
 
     Attributes:
@@ -77,24 +77,6 @@ class RelativePoseConfig:
         return RelativePoseConfig(
             features="vgg19", feature_channels=128, stages=6, stage_channels=128, stage_layers=5
         )
-
-    @staticmethod
-    def from_dict(values: Mapping[str, Any]) -> RelativePoseConfig:
-        """Inverse of `as_dict`.
-
-        Raises:
-            ConfigError: a key is not of this network.
-        """
-        known = {field.name for field in fields(RelativePoseConfig)}
-        if unknown := sorted(set(values) - known):
-            raise ConfigError(
-                f"RelativePoseConfig: no setting {unknown[0]!r}; has {', '.join(sorted(known))}"
-            )
-        return RelativePoseConfig(**values)
-
-    def as_dict(self) -> dict[str, Any]:
-        """As JSON holds it."""
-        return asdict(self)
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,7 +9,12 @@ import pytest
 import torch
 import yaml
 from rendezvous.errors import ConfigError
-from rendezvous.models.relative_pose import RelativePoseConfig, RelativePoseNet, StageMaps, relative_pose_loss
+from rendezvous.models.relative_pose_network import (
+    RelativePoseConfig,
+    RelativePoseNet,
+    StageMaps,
+    relative_pose_loss,
+)
 from torch import nn
 
 from tests.conftest import ROOT
@@ -53,14 +58,14 @@ def test_maps_of_a_picture_of_400_pixels_have_50_cells(published: RelativePoseNe
 def test_the_readme_names_the_settings_of_the_published_network():
     told = re.search(r"train_pose\.settings='(\{features: vgg19.*?\})'", (ROOT / "README.md").read_text())
     assert told is not None
-    assert RelativePoseConfig.from_dict(yaml.safe_load(told[1])) == RelativePoseConfig.published()
+    assert RelativePoseConfig(**yaml.safe_load(told[1])) == RelativePoseConfig.published()
 
 
 def test_settings_survive_their_record_and_an_unknown_one_is_told():
     config = RelativePoseConfig(width=48, stages=3)
     assert RelativePoseConfig.from_dict(config.as_dict()) == config
-    with pytest.raises(ConfigError, match="no setting 'stage'; has blocks, "):
-        RelativePoseConfig.from_dict({"stage": 2})
+    with pytest.raises(ConfigError, match="RelativePoseConfig: stage is 2; must be one of features, "):
+        RelativePoseConfig.from_dict({**config.as_dict(), "stage": 2})
 
 
 def test_each_stage_sees_the_features_and_all_maps_of_the_stage_before():

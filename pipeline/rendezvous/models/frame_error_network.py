@@ -13,9 +13,7 @@ pooling, C channel, T token (the class token first), h head, D channels of a hea
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
-from typing import Any
+from dataclasses import dataclass
 
 import torch
 from torch import Tensor, nn
@@ -24,6 +22,7 @@ from torch.nn import functional
 from rendezvous.alignment.window import FREE_CELL, OCCUPIED_CELL
 from rendezvous.errors import ConfigError, require_within
 from rendezvous.models import lie
+from rendezvous.models.config import Config
 
 TOKENS_PER_SIDE = 12
 WEIGHTS_STD, POSITIONS_STD = 0.02, 0.5
@@ -37,7 +36,7 @@ error on unseen maps was not compared.)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class FrameErrorConfig:
+class FrameErrorConfig(Config):
     """What a network is, enough to build it and to read its output.
 
     Attributes:
@@ -50,7 +49,7 @@ class FrameErrorConfig:
         heads: of each transformer layer.
     """
 
-    vit: bool
+    vit: bool = True
     lie: bool = True
     cells: int = 192
     cell_m: float = 0.1
@@ -73,23 +72,6 @@ class FrameErrorConfig:
     def halvings(self) -> int:
         """How often the stem halves the input to come down to 12 x 12 places."""
         return (self.cells // TOKENS_PER_SIDE).bit_length() - 1
-
-    def as_dict(self) -> dict[str, Any]:
-        """Plain values by field, for a checkpoint's JSON."""
-        return asdict(self)
-
-    @staticmethod
-    def from_dict(values: Mapping[str, Any]) -> FrameErrorConfig:
-        """Inverse of `as_dict`.
-
-        Raises:
-            ConfigError: a field is missing, unknown, or has no usable value.
-        """
-        found = {key: type(value).__name__ for key, value in values.items()}
-        right = {field.name: field.type for field in fields(FrameErrorConfig)}
-        if found != right:
-            raise ConfigError(f"frame error: config holds {found}; must hold {right}")
-        return FrameErrorConfig(**values)
 
 
 def input_grid(cells_B2NN: Tensor, *, cells: int) -> Tensor:
@@ -153,6 +135,28 @@ class FrameErrorViT(nn.Module):
         places_BTC = self.stem(grid_B2HW).flatten(2).transpose(1, 2)
         class_B1C = self.class_token_11C.expand(len(places_BTC), -1, -1).to(places_BTC.dtype)
         return torch.cat([class_B1C, places_BTC], dim=1) + self.positions_1TC
+
+
+def attention_rollout(attention_BLhTT: Tensor) -> Tensor:
+    """(B, H, W) share of each place in the class token's last features; the places of a sample sum to 1.
+
+    Attention is averaged over heads and mixed half and half with the identity, for the residual connection,
+    then multiplied through the layers from the first to the last. What the class token keeps of itself is
+    left out.
+
+    Args:
+        attention_BLhTT: as `FrameErrorViT.with_attention` gives it: rows are the tokens that look, and T is
+            one more than a square.
+    """
+    heads_BLTT = attention_BLhTT.float().mean(dim=2)
+    tokens = heads_BLTT.shape[-1]
+    mixed_BLTT = 0.5 * (heads_BLTT + torch.eye(tokens, device=heads_BLTT.device))
+    rollout_BTT = mixed_BLTT[:, 0]
+    for layer in range(1, mixed_BLTT.shape[1]):
+        rollout_BTT = mixed_BLTT[:, layer] @ rollout_BTT
+    places_BP = rollout_BTT[:, 0, 1:]
+    side = round((tokens - 1) ** 0.5)
+    return (places_BP / places_BP.sum(dim=-1, keepdim=True)).reshape(-1, side, side)
 
 
 class FrameErrorCNN(nn.Module):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from rendezvous.training.relative_pose.data import PoseSample
-from rendezvous.training.relative_pose.pictures import sheet
+from rendezvous.training.relative_pose.validation import sheet
 
 
 def test_a_peak_is_painted_over_the_point_that_it_stands_for():
