@@ -16,10 +16,10 @@ from rendezvous.models.relative_pose_estimator import (
     RelativePoseEstimator,
     first_look,
 )
+from rendezvous.models.relative_pose_network import RelativePoseConfig, RelativePoseNet
 from rendezvous.pose_estimation.cuboids import detect_cuboids
 from rendezvous.pose_estimation.look import Look
 from rendezvous.pose_estimation.observation_model import ObservationModel
-from rendezvous.models.relative_pose_network import RelativePoseConfig, RelativePoseNet
 from rendezvous.pose_estimation.peaks import belief_peaks
 
 from tests.pose_estimation.observations import CAMERA, burger, error, maps_of, observation, state

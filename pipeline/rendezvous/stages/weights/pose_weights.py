@@ -7,8 +7,8 @@ import torch
 
 from rendezvous.errors import ConfigError
 from rendezvous.models.relative_pose_estimator import CloseLook, RelativePoseEstimator
-from rendezvous.pose_estimation.observation_model import SeenRobot
 from rendezvous.models.relative_pose_network import RelativePoseConfig, RelativePoseNet
+from rendezvous.pose_estimation.observation_model import SeenRobot
 from rendezvous.pose_estimation.pose_calibration import PoseCalibration
 from rendezvous.training.checkpoint import fit_weights_in_place, read_checkpoint
 from rendezvous.training.relative_pose.model import POSE_MODEL, PoseModel
