@@ -107,6 +107,16 @@ def test_parameters_are_told_by_their_full_keys_without_those_left_out():
             "unknown key 'floorplans.generate.plans.romms'; the nearest known key is 'rooms'",
         ),
         ("floorplan.sources=[]", "unknown key 'floorplan'; the nearest known key is 'floorplans'"),
+        ("explore.episode.lidar_noise={}", "is gone; it is now lidar.noise of the robot file"),
+        (
+            "explore.episode.slam.mapping.no_echo_free_m=2.0",
+            "key 'explore.episode.slam.mapping.no_echo_free_m' is gone; it is now lidar.no_echo_free_m of",
+        ),
+        ("explore.start_clearance_m=0.2", "it is now explore.start_margin_m, which is added to"),
+        (
+            "floorplans.limits.robot_radius_m=0.2",
+            "it is now radius_m of the robot file that floorplans.robot",
+        ),
         ("meshes.zzz=1", "unknown key 'meshes.zzz'; known keys are wall_height_m"),
         ("explore.episodes_per_plan=0", "explore.episodes_per_plan is 0; must be greater than or equal to 1"),
         ("explore.episodes_per_plan=yes", "explore.episodes_per_plan is True; must be a valid integer"),

@@ -29,7 +29,7 @@ from rendezvous.simulation.world import Drive
 from tests.floorplan.plans import RADIUS_M
 from tests.simulation.scenes import burger
 
-SHORT = EpisodeParameters(max_time_s=150.0, first_event_s=(10.0, 20.0))
+SHORT = EpisodeParameters(drive=Drive.WHEELS, max_time_s=150.0, first_event_s=(10.0, 20.0), max_events=3)
 
 
 @pytest.fixture(scope="module")

@@ -14,7 +14,8 @@ CELLS = SIZE_PX // STRIDE_PX
 
 def _beliefs(uv_px: np.ndarray, **changed: float) -> np.ndarray:
     return belief_maps(
-        uv_px, **{"width_px": SIZE_PX, "height_px": SIZE_PX, "stride_px": STRIDE_PX, **changed}
+        uv_px,
+        **{"width_px": SIZE_PX, "height_px": SIZE_PX, "stride_px": STRIDE_PX, "sigma_cells": 0.5, **changed},
     )
 
 
@@ -130,7 +131,7 @@ def test_where_two_objects_meet_the_larger_belief_stays():
 @pytest.mark.parametrize("stride_px", [1, 2, 4, 8, 16])
 def test_any_stride_and_size_puts_the_peak_on_the_point(stride_px):
     uv_px = _single({8: (304.0, 96.0)})
-    maps = belief_maps(uv_px, width_px=640, height_px=480, stride_px=stride_px)
+    maps = belief_maps(uv_px, width_px=640, height_px=480, stride_px=stride_px, sigma_cells=0.5)
     assert maps.shape == (9, 480 // stride_px, 640 // stride_px)
     _, row, col = np.unravel_index(maps.argmax(), maps.shape)
     assert (stride_px * col, stride_px * row) == (304.0, 96.0)

@@ -1,42 +1,57 @@
-"""Parts of a configuration that take nothing but what they know, and say what is wrong in one line."""
+"""Parts of a configuration that accept known keys only, and name a fault in one line."""
 
 from __future__ import annotations
 
+import dataclasses
+import difflib
 import json
-from collections.abc import Mapping
-from typing import Any, TypeVar
+from collections.abc import Mapping, Sequence
+from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from rendezvous.config.errors import explained
 from rendezvous.errors import ConfigError, PipelineError
 
 Validated = TypeVar("Validated", bound=BaseModel)
+Layers = Mapping[str, Mapping[str, Any]]
+
+_UNKNOWN_KEY = ("extra_forbidden", "unexpected_keyword_argument")
+_MISSING_KEY = ("missing", "missing_argument", "missing_keyword_only_argument")
+_MOVED = {
+    "explore.episode.lidar_noise": "lidar.noise of the robot file",
+    "explore.episode.slam.range_sigma_m": "lidar.noise.sigma_m of the robot file",
+    "explore.episode.slam.range_sigma_ratio": "lidar.noise.sigma_ratio of the robot file",
+    "explore.episode.slam.mapping.no_echo_free_m": "lidar.no_echo_free_m of the robot file",
+    "explore.start_clearance_m": "explore.start_margin_m, which is added to the robot's radius",
+    "explore.episode.explorer.hard_clearance_m": "hard_margin_m, which is added to the robot's radius",
+    "explore.episode.explorer.soft_clearance_m": "soft_margin_m, which is added to the robot's radius",
+    "explore.episode.explorer.clear_m": "clear_margin_m, which is added to the robot's radius",
+    "floorplans.limits.robot_radius_m": "radius_m of the robot file that floorplans.robot names",
+    "floorplans.limits.margin_m": "nothing: the margin is fixed",
+}
+"""Keys of earlier versions, and what replaced them."""
 
 
 class Section(BaseModel):
     """A strict part of a configuration: unknown keys, wrong types and infinite numbers are errors.
 
-    Frozen dataclasses of the rooms can be fields; they are held to the same.
+    Frozen dataclasses of the rooms can be fields; the same holds for them.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
 
 def validated_section(
-    section: type[Validated],
-    values: Mapping[str, Any],
-    *,
-    file: str,
-    layers: Mapping[str, Mapping[str, Any]] | None = None,
+    section: type[Validated], values: Mapping[str, Any], *, file: str, layers: Layers | None = None
 ) -> Validated:
-    """The section that the values fill.
+    """The section with these values.
 
     Args:
         section: its type.
         values: as YAML gives them.
         file: where they were read.
-        layers: what was laid over what to get them, by its name, lowest first.
+        layers: by name, lowest first, the values that were laid over each other to get `values`. The top one
+            that holds a faulty key is named in the error.
 
     Raises:
         ConfigError: a key is unknown or missing, or a value is wrong.
@@ -45,8 +60,58 @@ def validated_section(
         # Strict mode takes a list for a tuple only from JSON.
         return section.model_validate_json(json.dumps(values))
     except ValidationError as error:
-        raise ConfigError(explained(error, section, file=file, layers=layers or {})) from error
+        raise ConfigError(_explained(error, section, file, layers or {})) from error
     except PipelineError as error:  # a room's own contract
         raise ConfigError(f"{file}: {error}") from error
     except TypeError as error:
         raise ConfigError(f"{file}: {error}; values must be numbers, texts, lists and mappings") from error
+
+
+def _explained(error: ValidationError, section: type[BaseModel], file: str, layers: Layers) -> str:
+    """The first fault, and how many more there are."""
+    # An unknown key often is a misspelt one, and then another is missing for it.
+    faults = sorted(error.errors(include_url=False), key=lambda fault: fault["type"] not in _UNKNOWN_KEY)
+    more = f" (and {len(faults) - 1} more)" if len(faults) > 1 else ""
+    return _fault_line(faults[0], section, file, layers) + more
+
+
+def _fault_line(fault: Any, section: type[BaseModel], file: str, layers: Layers) -> str:
+    path = fault["loc"]
+    key = ".".join(map(str, path))
+    where = next((name for name, values in reversed(list(layers.items())) if _holds(values, path)), file)
+    if key in _MOVED:
+        return f"{where}: key {key!r} is gone; it is now {_MOVED[key]}"
+    if fault["type"] in _UNKNOWN_KEY:
+        return f"{where}: unknown key {key!r}; {_nearest(str(path[-1]), _known_keys(section, path[:-1]))}"
+    if fault["type"] in _MISSING_KEY:
+        return f"{where}: key {key!r} is missing"
+    return f"{where}: {key} is {fault['input']!r:.60}; {fault['msg'].replace('Input should', 'must')}"
+
+
+def _holds(values: Any, path: Sequence[str | int]) -> bool:
+    for key in path:
+        if isinstance(key, int):
+            return isinstance(values, Sequence)
+        if not isinstance(values, Mapping) or key not in values:
+            return False
+        values = values[key]
+    return True
+
+
+def _known_keys(model: Any, path: Sequence[str | int]) -> list[str]:
+    """The keys of the part at a path; parts are pydantic models or dataclasses."""
+    for key in path:
+        model = get_args(model)[1] if get_origin(model) is dict else _field_types(model)[str(key)]
+    return list(_field_types(model))
+
+
+def _field_types(model: Any) -> dict[str, Any]:
+    if issubclass(model, BaseModel):
+        return {name: field.annotation for name, field in model.model_fields.items()}
+    hints = get_type_hints(model)
+    return {field.name: hints[field.name] for field in dataclasses.fields(model)}
+
+
+def _nearest(key: str, known: Sequence[str]) -> str:
+    near = difflib.get_close_matches(key, known, n=1, cutoff=0.5)
+    return f"the nearest known key is {near[0]!r}" if near else f"known keys are {', '.join(known)}"

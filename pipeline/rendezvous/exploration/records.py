@@ -48,11 +48,11 @@ class EpisodeParameters:
         trajectory_step_s: spacing of the recorded paths.
     """
 
-    drive: Drive = Drive.WHEELS
-    max_time_s: float = 300.0
-    first_event_s: tuple[float, float] = (15.0, 200.0)
+    drive: Drive
+    max_time_s: float
+    first_event_s: tuple[float, float]
     least_explored_m2: float = 4.0
-    max_events: int = 3
+    max_events: int
     event_gap_s: float = 10.0
     event_gap_m: float = 1.0
     trajectory_step_s: float = 1.0

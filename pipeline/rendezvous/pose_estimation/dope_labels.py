@@ -28,16 +28,11 @@ from rendezvous.geometry.se2 import Array
 
 Maps = NDArray[np.float32]
 
-BELIEF_SIGMA_CELLS = 0.5
-"""Standard deviation of the official belief maps at stride 8."""
-
 FIELD_RADIUS_CELLS = 1
 """Radius of the official vector fields' discs: a vertex's cell and its four neighbours."""
 
 
-def belief_maps(
-    uv_px: Array, *, width_px: int, height_px: int, stride_px: int, sigma_cells: float = BELIEF_SIGMA_CELLS
-) -> Maps:
+def belief_maps(uv_px: Array, *, width_px: int, height_px: int, stride_px: int, sigma_cells: float) -> Maps:
     """(9, H, W) float32 in [0, 1]: a Gaussian around each point, the largest where objects overlap.
 
     It is drawn over 2 sigma around the cell that holds the point; a point nearer to the border than that is
@@ -47,7 +42,7 @@ def belief_maps(
         uv_px: (N, 9, 2) points of N objects in DOPE's order; NaN for a point behind the camera.
         width_px, height_px: of the picture; H and W are these divided by the stride, rounded down.
         stride_px: side of a cell.
-        sigma_cells: standard deviation.
+        sigma_cells: standard deviation; the official maps have 0.5 at stride 8.
     """
     width, height = width_px // stride_px, height_px // stride_px
     maps = np.zeros((9, height, width), np.float32)

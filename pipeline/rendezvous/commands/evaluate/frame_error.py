@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from rich.console import Console
 
+from rendezvous.alignment.window import PAPER_XY_M, PAPER_YAW_RAD
 from rendezvous.commands.evaluate.measured_pairs import Trial, measured, perturbation_json
 from rendezvous.commands.evaluate.recorded_rows import RecordedRows
 from rendezvous.commands.evaluate.report_folder import PAGE, keep_evaluation, kept_metrics
@@ -82,8 +83,8 @@ class Evaluation:
     count: int | None = None
     methods: tuple[str, ...] = ()
     weights: Mapping[str, Path] = field(default_factory=dict)
-    xy_range_m: float = 2.0
-    yaw_range_deg: float = 45.0
+    xy_range_m: float = PAPER_XY_M
+    yaw_range_deg: float = math.degrees(PAPER_YAW_RAD)
     seed: int = 0
     folder: Path = Path("report")
     workers: int = 1

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
+from rendezvous.alignment.window import PAPER_XY_M, PAPER_YAW_RAD
 from rendezvous.commands.evaluate.measured_fusions import (
     LEARNED,
     FusionCase,
@@ -174,7 +174,7 @@ def _setup(settings: FusionEvaluation) -> FusionSetup:
 
 
 def _matcher() -> Method:
-    (method,) = chosen_methods(("matcher",), {}, xy_range_m=2.0, yaw_range_rad=math.pi / 4)
+    (method,) = chosen_methods(("matcher",), {}, xy_range_m=PAPER_XY_M, yaw_range_rad=PAPER_YAW_RAD)
     return method
 
 

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from rendezvous.alignment.window import PAPER_XY_M, PAPER_YAW_RAD
 from rendezvous.commands.fuse.inputs import (
     CameraLike,
     ImageLike,
@@ -239,7 +240,7 @@ def _matcher(refine: Refinement) -> Method | None:
     """The matcher and its weights, if it is used; its own search is not: the refiner sets it."""
     if not refine.needs_matcher:
         return None
-    (method,) = chosen_methods(("matcher",), {}, xy_range_m=2.0, yaw_range_rad=math.pi / 4)
+    (method,) = chosen_methods(("matcher",), {}, xy_range_m=PAPER_XY_M, yaw_range_rad=PAPER_YAW_RAD)
     return method
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rendezvous.alignment.spread import ellipsoid_probability, nees
+from rendezvous.alignment.window import PAPER_XY_M, PAPER_YAW_RAD
 from rendezvous.evaluation.frame_error.calibration import LEVELS
 from rendezvous.evaluation.relative_pose.errors import PoseOutcomes
 from rendezvous.evaluation.statistics import Interval, wilson_interval
@@ -18,7 +19,7 @@ TARGET_VISIBILITY, TARGET_DISTANCE_M = 0.5, 2.5
 TARGET_POSITION_M, TARGET_HEADING_RAD, TARGET_DETECTION = 0.05, math.radians(3.0), 0.95
 """Wanted of images that show more than half of a near robot: medians at most, detections at least."""
 
-WINDOW_XY_M, WINDOW_YAW_RAD = 2.0, math.pi / 4.0
+WINDOW_XY_M, WINDOW_YAW_RAD = PAPER_XY_M, PAPER_YAW_RAD
 """Frame errors for which estimators are trained and measured (the paper's range, as far as one can tell)."""
 
 DISTANCES = ("< 1 m", "1–1.75 m", "1.75–2.5 m", "2.5–3.5 m", "> 3.5 m")

@@ -8,7 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from rendezvous.alignment.frame_error import frame_error, perturbed
-from rendezvous.alignment.window import WINDOW_CELL_M, WINDOW_CELLS, MapWindow, SearchRange, map_window
+from rendezvous.alignment.window import (
+    PAPER_XY_M,
+    PAPER_YAW_RAD,
+    WINDOW_CELL_M,
+    WINDOW_CELLS,
+    MapWindow,
+    SearchRange,
+    map_window,
+)
 from rendezvous.errors import require_within
 from rendezvous.geometry.se2 import SE2
 from rendezvous.seeds import stream
@@ -29,8 +37,8 @@ class PerturbationRange:
         wide_xy_m, wide_yaw_rad: half widths of that.
     """
 
-    xy_m: float = 2.0
-    yaw_rad: float = math.pi / 4.0
+    xy_m: float = PAPER_XY_M
+    yaw_rad: float = PAPER_YAW_RAD
     wide_share: float = 0.0
     wide_xy_m: float = 3.0
     wide_yaw_rad: float = math.pi
