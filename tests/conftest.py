@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import subprocess
+import time
 from collections.abc import Callable, Sequence
 from io import StringIO
 from pathlib import Path
@@ -21,6 +23,18 @@ settings.register_profile("untimed", deadline=None)
 settings.load_profile("untimed")
 
 MakeRun = Callable[..., Run]
+
+PATIENCE_S = 900.0
+"""How long tests wait for what is sure to happen: no machine is that slow."""
+
+
+def wait_until(happened: Callable[[], bool], process: subprocess.Popen | None = None) -> None:
+    """Wait for something to happen while `process`, if given, runs."""
+    deadline_s = time.monotonic() + PATIENCE_S
+    while not happened():
+        assert process is None or process.poll() is None, "the process ended before it happened"
+        assert time.monotonic() < deadline_s, f"did not happen within {PATIENCE_S:.0f} s"
+        time.sleep(0.005)
 
 
 @pytest.fixture(scope="session")

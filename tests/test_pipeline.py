@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from rendezvous.store.read import StageReader
 
-from tests.conftest import ROOT
+from tests.conftest import ROOT, wait_until
 from tests.toy_stage import folder_content
 
 pytestmark = pytest.mark.slow
@@ -54,13 +54,13 @@ def test_two_workers_make_the_same_bytes(made: Path, tmp_path: Path) -> None:
 
 def test_killed_at_random_moments_and_rerun_it_makes_the_same_bytes(made: Path, tmp_path: Path) -> None:
     rng = random.Random(3)
-    for _ in range(4):
+    for shards in (2, 12, 22):  # of 43
         process = subprocess.Popen(
             command(tmp_path, "--workers", "2"), cwd=ROOT, stderr=subprocess.DEVNULL, start_new_session=True
         )
-        time.sleep(rng.uniform(2.0, 6.0))
-        if process.poll() is None:
-            os.killpg(process.pid, signal.SIGKILL)
+        wait_until(lambda: len(list(tmp_path.rglob("*.parquet"))) >= shards, process)  # noqa: B023
+        time.sleep(rng.uniform(0.0, 0.5))
+        os.killpg(process.pid, signal.SIGKILL)
         process.wait()
     run(tmp_path, "--workers", "2")
     assert_same(tmp_path, made)

@@ -81,9 +81,13 @@ def main() -> None:
     parser.add_argument("--items", type=int, default=12)
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--pause-s", type=float, default=0.0)
+    parser.add_argument("--last-pause-s", type=float, help="of the last shard, to be killed at")
     arguments = parser.parse_args()
     run = run_of(arguments.data, workers=arguments.workers, engine=Engine.LOCAL)
     tasks = toy_tasks(item_names(arguments.items), pause_s=arguments.pause_s)
+    if arguments.last_pause_s is not None:
+        last = toy_tasks(item_names(arguments.items), pause_s=arguments.last_pause_s)[-1]
+        tasks = [*tasks[:-1], last]
     run.build(STAGE, tasks, layout=LAYOUT, total=len(tasks))
 
 

@@ -7,14 +7,13 @@ import resource
 import signal
 import subprocess
 import sys
-import time
 from functools import partial
 from pathlib import Path
 
 import pytest
 from rendezvous.store.verify import verify
 
-from tests.conftest import ROOT
+from tests.conftest import ROOT, wait_until
 from tests.toy_stage import folder_content
 
 STAGES = ("floorplans", "meshes", "explore", "render", "pack", "dataset")
@@ -26,9 +25,7 @@ def command(*arguments: str) -> list[str]:
 
 
 def rendezvous(*arguments: str, **options) -> subprocess.CompletedProcess:
-    return subprocess.run(
-        command(*arguments), cwd=ROOT, capture_output=True, text=True, timeout=120, **options
-    )
+    return subprocess.run(command(*arguments), cwd=ROOT, capture_output=True, text=True, **options)
 
 
 def generate(data: Path, *, count: int = 4, more: tuple[str, ...] = ()) -> tuple[str, ...]:
@@ -92,9 +89,7 @@ def test_a_bug_keeps_its_traceback(tmp_path: Path):
     code = (
         "import rendezvous.cli.__main__ as cli, rendezvous.config.load as c; c.load_config = None; cli.main()"
     )
-    shown = subprocess.run(
-        [sys.executable, "-c", code, "meshes"], cwd=ROOT, capture_output=True, text=True, timeout=60
-    )
+    shown = subprocess.run([sys.executable, "-c", code, "meshes"], cwd=ROOT, capture_output=True, text=True)
     assert shown.returncode == 1
     assert shown.stderr.startswith("Traceback (most recent call last)")
     assert "TypeError: 'NoneType' object is not callable" in shown.stderr
@@ -135,7 +130,7 @@ def test_a_plan_is_exported_from_where_meshes_writes(tmp_path: Path):
 
 @pytest.mark.slow
 def test_ctrl_c_leaves_a_folder_that_the_next_run_completes(tmp_path: Path):
-    arguments = generate(tmp_path / "cut", count=60, more=("--workers", "2"))
+    arguments = generate(tmp_path / "cut", count=30, more=("--workers", "2"))
     # Started in the background, a shell's child ignores the signal, and its children with it.
     listening = partial(signal.signal, signal.SIGINT, signal.SIG_DFL)
     process = subprocess.Popen(
@@ -147,22 +142,18 @@ def test_ctrl_c_leaves_a_folder_that_the_next_run_completes(tmp_path: Path):
         preexec_fn=listening,
     )
     folder = tmp_path / "cut" / "floorplans"
-    deadline = time.monotonic() + 60
-    while len(list(folder.glob("part-*.parquet"))) < 3:
-        assert time.monotonic() < deadline, "no shards within a minute"
-        time.sleep(0.005)
+    wait_until(lambda: len(list(folder.glob("part-*.parquet"))) >= 3, process)
     os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to all processes of the group
-    stderr = process.communicate(timeout=30)[1]
+    *progress, last = process.communicate()[1].splitlines()
     assert process.returncode == 130
-    assert stderr == (
-        "rendezvous: interrupted; what was finished is kept: run the same command again to go on\n"
-    )
+    assert last == "rendezvous: interrupted; what was finished is kept: run the same command again to go on"
+    assert all(line.startswith("floorplans: ") for line in progress)  # where making them takes long
     assert not [name for name in folder_content(folder) if ".tmp-" in name]
     assert not (folder / "manifest.json").exists()
     resumed = rendezvous(*arguments)
     assert resumed.returncode == 0
-    assert "60 made" not in resumed.stderr
-    assert rendezvous(*generate(tmp_path / "whole", count=60)).returncode == 0
+    assert "30 made" not in resumed.stderr
+    assert rendezvous(*generate(tmp_path / "whole", count=30)).returncode == 0
     assert folder_content(folder) == folder_content(tmp_path / "whole" / "floorplans")
 
 

@@ -23,7 +23,7 @@ from rendezvous.store.disk import Disk
 from rendezvous.store.read import StageReader
 from rendezvous.store.verify import verify
 
-from tests.conftest import ROOT
+from tests.conftest import PATIENCE_S, ROOT, wait_until
 from tests.toy_stage import LAYOUT, STAGE, folder_content, item_names, run_of, toy_tasks
 
 
@@ -278,19 +278,12 @@ def start(data: Path, *arguments: str) -> subprocess.Popen:
     return subprocess.Popen(command, cwd=ROOT, start_new_session=True, stderr=subprocess.PIPE, text=True)
 
 
-def wait_for_parts(data: Path, count: int) -> None:
-    deadline = time.monotonic() + 60
-    while len(list((data / STAGE).glob("part-*.parquet"))) < count:
-        assert time.monotonic() < deadline, "no shard within a minute"
-        time.sleep(0.002)
-
-
 @pytest.mark.slow
 def test_killing_the_process_group_at_random_moments_loses_no_finished_shard(tmp_path: Path, undisturbed):
     rng = random.Random(7)
     for parts in (1, 2, 4):
-        process = start(tmp_path, "--pause-s", "0.05")
-        wait_for_parts(tmp_path, parts)
+        process = start(tmp_path, "--pause-s", "0.05", "--last-pause-s", "9999")
+        wait_until(lambda: len(list((tmp_path / STAGE).glob("part-*.parquet"))) >= parts, process)  # noqa: B023
         time.sleep(rng.uniform(0.0, 0.05))
         os.killpg(process.pid, signal.SIGKILL)
         process.communicate()
@@ -304,16 +297,13 @@ def test_killing_the_process_group_at_random_moments_loses_no_finished_shard(tmp
 
 @pytest.mark.slow
 def test_workers_end_with_the_process_that_started_them(tmp_path: Path):
-    process = start(tmp_path, "--pause-s", "30", "--items", "4")
+    process = start(tmp_path, "--pause-s", "9999", "--items", "4")
     parent = psutil.Process(process.pid)
-    deadline = time.monotonic() + 60
-    while len(workers := spawned(parent)) < 2:
-        assert time.monotonic() < deadline, "no workers within a minute"
-        time.sleep(0.05)
-    time.sleep(1.0)  # they start their watch with their first task
+    wait_until(lambda: len(spawned(parent)) == 2, process)
+    workers = spawned(parent)
     process.kill()
-    process.wait()
-    _, alive = psutil.wait_procs(workers, timeout=5)
+    process.communicate()
+    _, alive = psutil.wait_procs(workers, timeout=PATIENCE_S)
     assert alive == []
 
 

@@ -8,7 +8,6 @@ import re
 import signal
 import subprocess
 import sys
-import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -26,7 +25,7 @@ from rendezvous.training.parameters import Sampling
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 from typer.testing import CliRunner
 
-from tests.conftest import ROOT, run_in
+from tests.conftest import ROOT, run_in, wait_until
 from tests.synthetic_dataset import explored, synthetic_run
 
 SMALL = {"cells": 48, "width": 16, "depth": 1, "heads": 2}
@@ -245,11 +244,7 @@ def test_a_run_killed_at_any_time_goes_on_to_the_same_curve(data: Path, tmp_path
         stderr=subprocess.DEVNULL,
         start_new_session=True,
     )
-    deadline_s = time.monotonic() + 60.0
-    while not (killed / CURVE).exists() or not curve_of(killed):
-        assert time.monotonic() < deadline_s
-        assert process.poll() is None
-        time.sleep(0.01)
+    wait_until(lambda: (killed / CURVE).exists() and bool(curve_of(killed)), process)
     os.killpg(process.pid, signal.SIGKILL)
     process.wait()
     assert "goes on from" in trained(data, killed, *sets, resume=True)
@@ -267,7 +262,6 @@ def test_two_processes_find_what_one_finds_in_batches_twice_as_large(data: Path,
         cwd=ROOT,
         capture_output=True,
         text=True,
-        timeout=180,
         env=os.environ | {"OMP_NUM_THREADS": "1"},
     )
     assert both.returncode == 0, both.stderr[-2000:]

@@ -7,7 +7,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -26,7 +25,7 @@ from rendezvous.training.relative_pose.poses import poses_per_split
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 from typer.testing import CliRunner
 
-from tests.conftest import ROOT, run_in
+from tests.conftest import ROOT, run_in, wait_until
 from tests.synthetic_dataset import POSE_ROWS, explored, rendered, synthetic_run
 
 TINY = {"width": 16, "blocks": 0, "feature_channels": 8, "stages": 2, "stage_channels": 8, "stage_layers": 1}
@@ -222,11 +221,7 @@ def test_a_run_killed_at_any_time_goes_on_to_the_same_curve(data: Path, tmp_path
         stderr=subprocess.DEVNULL,
         start_new_session=True,
     )
-    deadline_s = time.monotonic() + 120.0
-    while not (killed / CURVE).exists() or not curve_of(killed):
-        assert time.monotonic() < deadline_s
-        assert process.poll() is None
-        time.sleep(0.01)
+    wait_until(lambda: (killed / CURVE).exists() and bool(curve_of(killed)), process)
     os.killpg(process.pid, signal.SIGKILL)
     process.wait()
     assert "goes on from" in trained(data, killed, *sets, resume=True)
