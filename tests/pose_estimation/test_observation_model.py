@@ -5,7 +5,7 @@ import pytest
 from rendezvous.geometry.camera import se3_from_se2
 from rendezvous.geometry.cuboid import project_cuboid
 from rendezvous.geometry.se2 import SE2
-from rendezvous.pose_estimation.observation_model import turns
+from rendezvous.pose_estimation.observation_model import tilt_rotations
 
 from tests.geometry.test_cuboid import random_pose
 from tests.pose_estimation.observations import CAMERA, burger, observation, state
@@ -51,7 +51,7 @@ def test_a_camera_that_is_higher_sees_the_robot_lower():
 
 def test_turns_are_rotations_about_axes_in_the_floor():
     tilt = np.array([[0.3, -0.2], [0.0, 0.0], [np.pi / 2.0, 0.0]])
-    R = turns(tilt)
+    R = tilt_rotations(tilt)
     assert R @ R.transpose(0, 2, 1) == pytest.approx(np.tile(np.eye(3), (3, 1, 1)), abs=1e-12)
     assert R[0] @ [0.3, -0.2, 0.0] == pytest.approx([0.3, -0.2, 0.0])
     assert R[1] == pytest.approx(np.eye(3))

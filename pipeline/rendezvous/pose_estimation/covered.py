@@ -1,6 +1,6 @@
-"""Images in which the robot is covered, so that it is known that they do not show it.
+"""Images with the robot painted over: known to show no robot, and otherwise like the others.
 
-Images without a robot are few, and what else is about is the same.
+Images without a robot are too few to calibrate on.
 """
 
 from __future__ import annotations
@@ -12,11 +12,13 @@ from rendezvous.geometry.se2 import Array
 
 
 def covered_image(image: Image, box_px: Array) -> Image:
-    """A copy whose box, and a tenth around it, shows what lies beside it to the left, or else to the right.
+    """A copy of the image in which the surroundings cover a box and a margin of a tenth around it.
+
+    The cover is copied from the left of the box, or from the right where there is more of the image.
 
     Args:
         image: (H, W, 3).
-        box_px: (4,) least and largest x, least and largest y as x0, y0, x1, y1.
+        box_px: (4,) x0, y0, x1, y1.
     """
     height, width = image.shape[:2]
     x0, y0, x1, y1 = (float(v) for v in box_px)
@@ -25,9 +27,9 @@ def covered_image(image: Image, box_px: Array) -> Image:
     right, bottom = min(int(x1 + margin) + 1, width), min(int(y1 + margin) + 1, height)
     size = right - left
     beside = left - 1 - np.arange(size) if left >= width - right else right + np.arange(size)[::-1]
-    out = image.copy()
-    # Beyond the image's edge the same is seen again, mirrored.
+    # Beyond its edges the image is mirrored.
     columns = np.abs(beside)
     columns = np.where(columns < width, columns, 2 * (width - 1) - columns)
+    out = image.copy()
     out[top:bottom, left:right] = image[top:bottom, np.clip(columns, 0, width - 1)]
     return out

@@ -1,10 +1,11 @@
-"""Peaks of belief maps to cuboids: which corners are of which centroid, by the vector fields, as in DOPE."""
+"""Groups the peaks of belief maps into cuboids by the vector fields, as DOPE does."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rendezvous.geometry.se2 import Array
 from rendezvous.pose_estimation.dope_labels import Maps
@@ -12,20 +13,22 @@ from rendezvous.pose_estimation.peaks import Peaks
 
 CENTROID = 8
 LARGEST_ANGLE_RAD = 0.5
-"""Between a corner's vector and the direction to its centroid, as in DOPE."""
+"""Largest angle between a corner's vector and the direction to its centroid; DOPE's value."""
 NEAR_CELLS = 1.0
-"""A corner so near to a centroid may be its own at any angle: the direction is not told well."""
+"""Corners closer than this to a centroid may belong to it at any angle: the direction is unreliable there."""
 LEAST_CORNERS = 4
-"""For a cuboid whose centroid was not found."""
+"""Fewest corners that make up a cuboid without a centroid."""
+
+Indices = NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DetectedCuboid:
-    """Peaks that belong together.
+    """Peaks that belong to one cuboid.
 
     Attributes:
         uv_cells_92: (9, 2) in DOPE's order; NaN for a point that was not found.
-        height_9: (9,) of the peaks; 0 for a point that was not found.
+        height_9: (9,) heights of the peaks; 0 for a point that was not found.
     """
 
     uv_cells_92: Array
@@ -33,44 +36,44 @@ class DetectedCuboid:
 
     @property
     def score(self) -> float:
-        """Mean height over all nine points, in [0, 1] or little above."""
+        """Mean height over all nine points; may slightly exceed 1."""
         return float(self.height_9.mean())
 
     @property
     def centre_cells(self) -> Array:
-        """(2,) the middle of the box around the points."""
+        """(2,) centre of the bounding box of the points."""
         centre: Array = 0.5 * (np.nanmin(self.uv_cells_92, axis=0) + np.nanmax(self.uv_cells_92, axis=0))
         return centre
 
     @property
     def span_cells(self) -> float:
-        """The larger side of that box."""
+        """Larger side of that bounding box."""
         return float(np.max(np.nanmax(self.uv_cells_92, axis=0) - np.nanmin(self.uv_cells_92, axis=0)))
 
 
 def detect_cuboids(peaks: Peaks, fields_Fhw: Maps) -> list[DetectedCuboid]:
-    """Cuboids in the maps, the one with the most belief first.
+    """Cuboids in the maps, by falling score.
 
-    Every corner goes to the centroid that its vector points to, of several to the nearest; every centroid
-    takes the highest of the peaks of a kind that come to it. Corners that point to no centroid make up a
-    cuboid of their own if there are enough: a robot whose middle is hidden or out of sight.
+    Each corner goes to the nearest centroid that its vector points at; each centroid keeps the highest peak
+    of each corner. Corners that point at no centroid form a cuboid of their own if there are enough: a robot
+    whose centre is hidden or outside the image.
 
     Args:
-        peaks: of the nine belief maps.
+        peaks: peaks of the nine belief maps.
         fields_Fhw: (16, h, w) vector fields.
     """
     centroids = np.flatnonzero(peaks.channel_P == CENTROID)
     corners = np.flatnonzero(peaks.channel_P != CENTROID)
     owner = _owners(peaks, corners, centroids, fields_Fhw)
-    found = [_cuboid(peaks, corners[owner == k], c) for k, c in enumerate(centroids.tolist())]
-    alone = _cuboid(peaks, corners[owner < 0], None)
-    if np.count_nonzero(alone.height_9) >= LEAST_CORNERS:
-        found.append(alone)
+    found = [_cuboid(peaks, [*corners[owner == k], c]) for k, c in enumerate(centroids)]
+    orphan = _cuboid(peaks, corners[owner < 0].tolist())
+    if np.count_nonzero(orphan.height_9) >= LEAST_CORNERS:
+        found.append(orphan)
     return sorted(found, key=lambda cuboid: -cuboid.score)
 
 
-def _owners(peaks: Peaks, corners: np.ndarray, centroids: np.ndarray, fields_Fhw: Maps) -> np.ndarray:
-    """(N,) which centroid each corner belongs to; -1 for none."""
+def _owners(peaks: Peaks, corners: Indices, centroids: Indices, fields_Fhw: Maps) -> Indices:
+    """(N,) index of the centroid that each corner belongs to; -1 for none."""
     if not len(centroids) or not len(corners):
         return np.full(len(corners), -1)
     uv_N2 = peaks.uv_cells_P2[corners]
@@ -80,14 +83,12 @@ def _owners(peaks: Peaks, corners: np.ndarray, centroids: np.ndarray, fields_Fhw
     along_NK = np.einsum("nkd,nd->nk", to_NK2, vector_N2)
     across_NK = np.abs(to_NK2[..., 0] * vector_N2[:, None, 1] - to_NK2[..., 1] * vector_N2[:, None, 0])
     towards_NK = (along_NK > 0.0) & (np.arctan2(across_NK, along_NK) < LARGEST_ANGLE_RAD)
-    fits = towards_NK | (distance_NK < NEAR_CELLS)
-    distance_NK = np.where(fits, distance_NK, np.inf)
-    nearest = distance_NK.argmin(axis=1)
-    return np.where(np.isfinite(distance_NK.min(axis=1)), nearest, -1)
+    distance_NK = np.where(towards_NK | (distance_NK < NEAR_CELLS), distance_NK, np.inf)
+    return np.where(np.isfinite(distance_NK.min(axis=1)), distance_NK.argmin(axis=1), -1)
 
 
-def _vectors(fields_Fhw: Maps, channel_N: np.ndarray, uv_N2: Array) -> Array:
-    """(N, 2) unit vectors at corners, the mean of the 3x3 cells around; zero where the field says nothing."""
+def _vectors(fields_Fhw: Maps, channel_N: Indices, uv_N2: Array) -> Array:
+    """(N, 2) unit vectors at corners, averaged over 3x3 cells; zero where the field is zero."""
     height, width = fields_Fhw.shape[1:]
     steps = np.array([(dv, du) for dv in (-1, 0, 1) for du in (-1, 0, 1)])
     col = np.clip(np.rint(uv_N2[:, None, 0]).astype(int) + steps[:, 1], 0, width - 1)
@@ -98,9 +99,10 @@ def _vectors(fields_Fhw: Maps, channel_N: np.ndarray, uv_N2: Array) -> Array:
     return np.divide(vectors, norms, out=np.zeros_like(vectors), where=norms > 0.0)
 
 
-def _cuboid(peaks: Peaks, corners: np.ndarray, centroid: int | None) -> DetectedCuboid:
+def _cuboid(peaks: Peaks, members: list[int]) -> DetectedCuboid:
+    """The highest of these peaks for each point."""
     uv, height = np.full((9, 2), np.nan), np.zeros(9)
-    for peak in [*corners.tolist(), *([] if centroid is None else [centroid])]:
+    for peak in members:
         channel = peaks.channel_P[peak]
         if peaks.height_P[peak] > height[channel]:
             uv[channel], height[channel] = peaks.uv_cells_P2[peak], peaks.height_P[peak]

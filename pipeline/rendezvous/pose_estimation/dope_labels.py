@@ -1,20 +1,18 @@
-"""What DOPE's network learns from: belief maps of the cuboid's nine points and vector fields to its centroid.
+"""DOPE's training targets: belief maps of a cuboid's nine points and vector fields towards its centroid.
 
-The definitions are those of the training code in NVlabs/Deep_Object_Pose (the 50x50 maps of a 400x400
-picture, stride 8). A point at (u, v) px lies at (u, v) / stride in cells, and cell (row, col) stands for
-(col, row): a decoder multiplies by the stride. (The official detector then adds 0.44 cells for the shift of
-its own upsampling.)
+Definitions follow the training code of NVlabs/Deep_Object_Pose (50x50 maps of a 400x400 image, stride 8). A
+point at (u, v) px lies at (u, v) / stride in cells, and cell (row, col) stands for the point (col, row), so a
+decoder multiplies by the stride. (The official detector then adds 0.44 cells to undo the shift of its own
+upsampling.)
 
 Differences from the official code:
 
-- Maps may be of any size and stride; there they are square.
-- A point behind the camera is NaN here and leaves no trace; there absent points are put at (-100, -100),
-  which leaves none either.
-- The vector field of a vertex whose disc reaches over the map's edge keeps the part on the map, in both; at
-  negative coordinates the official drawing rounds towards zero, here it rounds down.
-- Where the discs of several objects overlap, the field is their mean direction; there, with three and more,
-  it depends on their order.
-- A vertex that falls on its centroid has a zero vector, in both.
+- Maps may have any size and stride; the official ones are square.
+- A point behind the camera is NaN and leaves no trace; the official code puts absent points at (-100, -100),
+  which leave none either.
+- At negative coordinates the official drawing of a vector field's disc rounds towards zero; this rounds down.
+- Where discs of several objects overlap, the field is their mean direction; in the official code, with three
+  or more objects, it depends on their order.
 """
 
 from __future__ import annotations
@@ -33,14 +31,14 @@ FIELD_RADIUS_CELLS = 1
 
 
 def belief_maps(uv_px: Array, *, width_px: int, height_px: int, stride_px: int, sigma_cells: float) -> Maps:
-    """(9, H, W) float32 in [0, 1]: a Gaussian around each point, the largest where objects overlap.
+    """(9, H, W) float32 in [0, 1]: a Gaussian around each point, the maximum where objects overlap.
 
-    It is drawn over 2 sigma around the cell that holds the point; a point nearer to the border than that is
-    left out, as the official code does.
+    Each Gaussian is cut off 2 sigma from the cell of its point. As in the official code, a point closer than
+    that to the border is left out.
 
     Args:
         uv_px: (N, 9, 2) points of N objects in DOPE's order; NaN for a point behind the camera.
-        width_px, height_px: of the picture; H and W are these divided by the stride, rounded down.
+        width_px, height_px: image size; H and W are these divided by the stride, rounded down.
         stride_px: side of a cell.
         sigma_cells: standard deviation; the official maps have 0.5 at stride 8.
     """
@@ -61,15 +59,16 @@ def belief_maps(uv_px: Array, *, width_px: int, height_px: int, stride_px: int, 
 def vector_fields(
     uv_px: Array, *, width_px: int, height_px: int, stride_px: int, radius_cells: int = FIELD_RADIUS_CELLS
 ) -> Maps:
-    """(16, H, W) float32: x and y of the unit vector to the centroid, in a disc around each of the 8 corners.
+    """(16, H, W) float32: unit vector to the centroid, in a disc around each of the 8 corners; else zero.
 
-    Channel 2i is x (right) and 2i + 1 is y (down) of corner i; zero elsewhere.
+    Channels 2i and 2i + 1 hold x (right) and y (down) for corner i. A corner that coincides with its centroid
+    has a zero vector.
 
     Args:
         uv_px: (N, 9, 2) points of N objects in DOPE's order; NaN for a point behind the camera.
-        width_px, height_px: of the picture; H and W are these divided by the stride, rounded down.
+        width_px, height_px: image size; H and W are these divided by the stride, rounded down.
         stride_px: side of a cell.
-        radius_cells: of the disc around the cell that holds the corner.
+        radius_cells: radius of the disc around the corner's cell.
     """
     width, height = width_px // stride_px, height_px // stride_px
     fields = np.zeros((8, 2, height, width))
@@ -91,7 +90,7 @@ def vector_fields(
 
 
 def _cells(uv_px: Array, stride_px: int) -> list[tuple[int, tuple[float, float]]]:
-    """(channel, (u, v) in cells) of every point that is known."""
+    """(channel, (u, v) in cells) of each known point."""
     return [
         (channel, (float(u) / stride_px, float(v) / stride_px))
         for points in uv_px

@@ -1,8 +1,11 @@
-"""All poses on the floor tried against belief maps: second peaks, hidden points and front and back in one go.
+"""Exhaustive search for poses on the floor that belief maps support.
 
-A peak of any map is where that point of the cuboid may be. For each such anchor, every heading and every
-distance along its ray, the other eight points follow, and the maps are read there. How far the robot would
-then stand above or below the floor counts against it as much as the camera may lean.
+Each peak of any map is an anchor: one point of the cuboid may be there. For every anchor, heading and
+distance along the anchor's ray, the other eight points follow, and the maps are read there. A robot that
+would then stand above or below the floor is penalised by how much the camera may lean. Secondary peaks,
+hidden points and confusion of front and back need no special treatment.
+
+Legend: A anchors, H headings, D distances, M states of an `ObservationModel`.
 """
 
 from __future__ import annotations
@@ -21,18 +24,19 @@ HEADINGS = 72
 DISTANCES_M = tuple(float(d) for d in np.geomspace(0.2, 8.0, 64))
 ANCHORS = 18
 _BASE = 0.02
-"""Belief where maps say nothing."""
+"""Belief where a map is zero."""
 _KEPT = 12
 _APART_HEADING_RAD, _APART_SHARE = 0.3, 0.12
-"""Poses that differ by less, in heading and in place as a share of the distance, are one."""
+"""Poses closer than this in heading and position count as one; the position's limit is a share of the
+distance."""
 
 
 def floor_poses(model: ObservationModel, look: Look, belief_9hw: Maps, peaks: Peaks) -> Array:
-    """(M, 6) states that the maps speak for, the best first, all apart from each other.
+    """(M, 6) states that the maps support, the best first, no two alike.
 
     Args:
         model: camera and robot.
-        look: that the maps are of.
+        look: the part of the image that the maps cover.
         belief_9hw: belief maps.
         peaks: their maxima.
     """
@@ -78,7 +82,7 @@ def floor_poses(model: ObservationModel, look: Look, belief_9hw: Maps, peaks: Pe
 
 
 def _pixels_to_cells(model: ObservationModel, look: Look) -> Array:
-    """(4,) column and row of a direction (x / z, y / z): factor and offset of each."""
+    """(4,) from a direction (x / z, y / z) to cells: factor and offset of the column, then of the row."""
     camera, scale = model.camera, look.scale / STRIDE_PX
     (du, dv) = look.offset_px
     return np.array(
@@ -92,7 +96,7 @@ def _pixels_to_cells(model: ObservationModel, look: Look) -> Array:
 
 
 def _heights(model: ObservationModel, rays_c: Array) -> Array:
-    """(A, 2) height of a ray's point above the floor [m]: by metre of depth, and of the camera."""
+    """(A, 2) height of a ray's point above the floor: metres per metre of depth, and at depth 0 [m]."""
     up = rays_c @ model.T_r0_c[2, :3]
     return np.column_stack([up, np.full(len(up), model.T_r0_c[2, 3])])
 
@@ -101,7 +105,7 @@ def _heights(model: ObservationModel, rays_c: Array) -> Array:
 def _scores(  # type: ignore[no-untyped-def]
     gain_9hw, rays_A3, channel_A, turned_H93, depths_D, to_cells, heights_A2, z_9
 ):
-    """(A, H, D) log of belief gained, less what the floor has against it; -inf behind the camera."""
+    """(A, H, D) log belief gained minus the floor's penalty; -inf behind the camera."""
     _, rows, cols = gain_9hw.shape
     out = np.full((len(rays_A3), len(turned_H93), len(depths_D)), -np.inf)
     for a in range(len(rays_A3)):
@@ -137,7 +141,7 @@ def _scores(  # type: ignore[no-untyped-def]
 
 
 def _apart(states_M6: Array) -> Array:
-    """The first of all that are one."""
+    """The first of each group that counts as one."""
     left, kept = states_M6, list[Array]()
     while len(left) and len(kept) < _KEPT:
         kept.append(left[0])
@@ -146,7 +150,7 @@ def _apart(states_M6: Array) -> Array:
 
 
 def same_place(states_M6: Array, one_6: Array, share: float, heading_rad: float) -> Mask:
-    """(M,) which states differ from one by less, the place as a share of the distance."""
+    """(M,) which states are close to one in heading and position; `share` is relative to its distance."""
     turn = np.abs(np.remainder(states_M6[:, 2] - one_6[2] + np.pi, 2.0 * np.pi) - np.pi)
     away = np.hypot(states_M6[:, 0] - one_6[0], states_M6[:, 1] - one_6[1])
     same: Mask = (turn < heading_rad) & (away < share * np.hypot(one_6[0], one_6[1]))

@@ -1,11 +1,11 @@
-"""What peaks of belief maps say of where the cuboid's points are: a density over the image, by map.
+"""The evidence that peaks of belief maps give about the cuboid's points: one density over the image per map.
 
-A network that is trained with squared errors learns the mean of its targets: a point's probability, blurred
-with the target's Gaussian. A map with several peaks is read so: the point is near one of them, with a
-probability of the peak's height, or anywhere. Maps that are low and wide, for the network is not sure,
-leave the point a variance s² with height = σ² / (σ² + s²).
+A network trained on squared errors learns the mean of its targets: the point's probability, blurred with the
+target's Gaussian. So a map with several peaks means that the point is near one of them, each with a
+probability equal to the peak's height, or anywhere else. A low, wide peak of an uncertain network leaves the
+point a variance s² with height = σ² / (σ² + s²).
 
-Legend: G belief maps (nine by look), J peaks of a map, M states of the robot.
+Legend: G belief maps (nine per look), J peaks of a map, M states of an `ObservationModel`.
 """
 
 from __future__ import annotations
@@ -22,16 +22,16 @@ from rendezvous.pose_estimation.look import STRIDE_PX, Look
 from rendezvous.pose_estimation.peaks import MOST_PER_CHANNEL, Peaks
 
 _SUREST = 0.98
-"""Probability of all peaks of a map together, at most: a network errs at times."""
+"""Upper limit on the total probability of a map's peaks: a network sometimes errs."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class KeypointNoise:
-    """How exact peaks are.
+    """Accuracy of peaks.
 
     Attributes:
-        floor_cells: standard deviation of the highest of peaks, along each axis.
-        scale: of the variance that is read from a peak's height.
+        floor_cells: standard deviation of a peak of full height, along each axis.
+        scale: factor on the variance inferred from a peak's height.
     """
 
     floor_cells: float = 0.1
@@ -46,13 +46,13 @@ class KeypointEvidence:
     """Densities of points in an image.
 
     Attributes:
-        channel_G: (G,) the point that each map tells of.
-        uv_px_GJ2: (G, J, 2) peaks in the image; 0 where there are fewer than J.
-        variance_px2_GJ: (G, J) of the point around each, along each axis.
-        weight_GJ: (G, J) probability of each; 0 where there is none.
-        elsewhere_G: (G,) density of a point that is near none of them [1 / px²].
+        channel_G: (G,) index of the point that each map shows.
+        uv_px_GJ2: (G, J, 2) peaks in the image; 0 beyond a map's last peak.
+        variance_px2_GJ: (G, J) variance of the point around each peak, along each axis.
+        weight_GJ: (G, J) probability of each peak; 0 beyond a map's last peak.
+        elsewhere_G: (G,) density of the point away from all peaks [1 / px²].
         cell_px: side of the maps' cells in the image.
-        power: of each map's likelihood: one over the number of looks, which all see the same.
+        power: exponent of each map's likelihood: 1 / number of looks, since all see the same robot.
     """
 
     channel_G: NDArray[np.int64]
@@ -64,11 +64,11 @@ class KeypointEvidence:
     power: float
 
     def log_densities(self, uv_M92: Array, *, added_px2: float = 0.0) -> tuple[Array, Array]:
-        """(M, G) log of each map's density at the points, and (M, G, J) share that each peak has in it.
+        """(M, G) log of each map's density at the points, and (M, G, J) share of each peak in that density.
 
         Args:
             uv_M92: (M, 9, 2) the cuboid's points in the image.
-            added_px2: variance that is added, to be attracted from farther away.
+            added_px2: variance added to every peak, so that it attracts from farther away.
         """
         variance = self.variance_px2_GJ + added_px2
         away = uv_M92[:, self.channel_G, None] - self.uv_px_GJ2
@@ -77,7 +77,7 @@ class KeypointEvidence:
         return np.log(total), near / total[..., None]
 
     def log_likelihood(self, uv_M92: Array, *, added_px2: float = 0.0) -> Array:
-        """(M,) of all maps, above that of an image without a robot; arguments as for `log_densities`."""
+        """(M,) log likelihood ratio of all maps to an image without a robot; see `log_densities`."""
         gain: Array = self.log_densities(uv_M92, added_px2=added_px2)[0] - np.log(self.elsewhere_G)
         return self.power * gain.sum(axis=1)
 
@@ -85,12 +85,12 @@ class KeypointEvidence:
 def evidence_of(
     found: Sequence[tuple[Look, Peaks]], *, sigma_cells: float, noise: KeypointNoise
 ) -> KeypointEvidence:
-    """The evidence of one or several looks at the same.
+    """The joint evidence of one or more looks at the same robot.
 
     Args:
-        found: each look and the peaks of its nine maps, at most `MOST_PER_CHANNEL` each.
+        found: each look and the peaks of its nine maps, at most `MOST_PER_CHANNEL` per map.
         sigma_cells: standard deviation of the target's Gaussians.
-        noise: how exact peaks are.
+        noise: accuracy of peaks.
     """
     maps = 9 * len(found)
     uv, height = np.zeros((maps, MOST_PER_CHANNEL, 2)), np.zeros((maps, MOST_PER_CHANNEL))

@@ -1,8 +1,8 @@
-"""The part of an image that the network looks at, and at what size.
+"""A look: the part of an image that the network sees, resampled.
 
-A look is a similarity without rotation: input pixel = scale * image pixel + offset. Pixel (0, 0) is the
-centre of the first pixel in both. The network's belief maps have cells of `STRIDE_PX` input pixels; a point
-at (u, v) of the input lies at (u, v) / STRIDE_PX in cells, and cell (row, col) stands for (col, row).
+The map from image to network input is a similarity without rotation: input pixel = scale * image pixel +
+offset, where (0, 0) is the centre of the first pixel in both. The network's belief maps have cells of
+`STRIDE_PX` input pixels; see `dope_labels`.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ class Look:
 
     Attributes:
         scale: input pixels per image pixel.
-        offset_px: where the image's pixel (0, 0) comes to lie in the input [px].
+        offset_px: position of the image's pixel (0, 0) in the input [px].
         width_px, height_px: size of the input, multiples of STRIDE_PX.
     """
 
@@ -41,23 +41,23 @@ class Look:
 
     @staticmethod
     def at(centre_px: Array, *, scale: float, width_px: int, height_px: int) -> Look:
-        """The look whose middle shows that point of the image."""
+        """The look centred on a point of the image."""
         u, v = (float(value) for value in centre_px)
         offset_px = (0.5 * (width_px - 1) - scale * u, 0.5 * (height_px - 1) - scale * v)
         return Look(scale=scale, offset_px=offset_px, width_px=width_px, height_px=height_px)
 
     def to_input(self, uv_px: Array) -> Array:
-        """Points (..., 2) of the image, in the input."""
+        """Points (..., 2) from image to input."""
         return self.scale * uv_px + np.array(self.offset_px)
 
     def to_image(self, uv_px: Array) -> Array:
-        """Points (..., 2) of the input, in the image."""
+        """Points (..., 2) from input to image."""
         return (uv_px - np.array(self.offset_px)) / self.scale
 
     def cut(self, image: Image) -> Image:
-        """(height_px, width_px, 3) uint8: what the look shows; black beyond the image's edge.
+        """(height_px, width_px, 3) uint8: the network's input; black beyond the image's edges.
 
-        A look that makes things smaller first lowers the image's resolution, so that nothing is skipped.
+        To shrink, the image is first averaged down, so that no pixel is skipped.
         """
         scale, offset = self.scale, np.array(self.offset_px)
         if scale < 1.0:

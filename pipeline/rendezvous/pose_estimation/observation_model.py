@@ -1,11 +1,10 @@
-"""Robot 1 on the floor, seen by a camera that leans a little.
+"""The observation model: where the cuboid of robot 1 appears in the image of a camera on robot 0.
 
-Six numbers tell how robot 1 stands before robot 0: x [m], y [m] and yaw [rad] of `T_r0_r1`, and by how much
-the camera differs from its place on a level robot 0: height [m], and a turn around its own place, whose
-rotation vector has components x and y of r0 [rad]. Any `T_c_o` is one such state; a flat floor makes the
-last three small.
+A state has six numbers: x [m], y [m] and yaw [rad] of `T_r0_r1`, and the camera's deviation from its nominal
+place on a level robot 0: height [m] and a rotation about its own position, whose rotation vector has
+components x and y in r0 [rad]. Any `T_c_o` is exactly one state; on a flat floor the last three are small.
 
-Legend: M states, 6 of these numbers, 9 points of the cuboid in DOPE's order.
+Legend: M states, 9 points of the cuboid in DOPE's order.
 """
 
 from __future__ import annotations
@@ -14,20 +13,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rendezvous.geometry.camera import PinholeCamera
+from rendezvous.geometry.camera import PinholeCamera, se3_from_se2
 from rendezvous.geometry.cuboid import Vec3, cuboid_points
-from rendezvous.geometry.se2 import Array
+from rendezvous.geometry.se2 import SE2, Array
 
 HEIGHT_SIGMA_M, TILT_SIGMA_RAD = 0.004, 0.015
-"""How far a camera may be from its place on a level floor: a little more than a robot on wheels and its
-joints were seen to differ (3 mm, 0.012 rad), for carpets and thresholds."""
+"""Standard deviations of the camera's height and tilt on a level floor. Robots on wheels were seen to deviate
+by 3 mm and 0.012 rad; carpets and thresholds add some."""
 _NEAREST_M = 0.02
 _SMALL = 1e-12
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SeenRobot:
-    """The robot that is looked for.
+    """The robot to be found in the image.
 
     Attributes:
         size_m: sides of its cuboid along the axes of o.
@@ -49,8 +48,8 @@ class ObservationModel:
 
     Attributes:
         camera: intrinsics.
-        T_r0_c: (4, 4) the camera on a level robot 0.
-        robot: the one that is looked for.
+        T_r0_c: (4, 4) pose of the camera on a level robot 0.
+        robot: the robot to be found.
     """
 
     camera: PinholeCamera
@@ -72,12 +71,11 @@ class ObservationModel:
         )
         p_r0 -= self.T_r0_c[:3, 3]
         p_r0[..., 2] -= height[:, None]
-        R_r0_c = turns(states_M6[:, 4:]) @ self.T_r0_c[:3, :3]
-        points: Array = p_r0 @ R_r0_c
+        points: Array = p_r0 @ (tilt_rotations(states_M6[:, 4:]) @ self.T_r0_c[:3, :3])
         return points
 
     def project(self, states_M6: Array) -> Array:
-        """(M, 9, 2) [px] their image; points behind the camera go far out of it."""
+        """(M, 9, 2) [px] image of the cuboid's points; points behind the camera land far outside."""
         p_c = self.points_c(states_M6)
         z = np.maximum(p_c[..., 2], _NEAREST_M)
         u = self.camera.fx_px * p_c[..., 0] / z + self.camera.cx_px
@@ -85,7 +83,7 @@ class ObservationModel:
         return np.stack([u, v], axis=2)
 
     def jacobian(self, states_M6: Array) -> Array:
-        """(M, 9, 2, 6) of `project`, by central differences."""
+        """(M, 9, 2, 6) derivative of `project`, by central differences."""
         step = 1e-5
         moved = states_M6[:, None, None] + step * np.stack([np.eye(6), -np.eye(6)])
         uv = self.project(moved.reshape(-1, 6)).reshape(len(states_M6), 2, 6, 9, 2)
@@ -95,34 +93,31 @@ class ObservationModel:
     def T_c_o(self, state_6: Array) -> Array:
         """(4, 4) pose of the cuboid in the camera."""
         T_r0_c = self.T_r0_c.copy()
-        T_r0_c[:3, :3] = turns(state_6[None, 4:])[0] @ T_r0_c[:3, :3]
+        T_r0_c[:3, :3] = tilt_rotations(state_6[None, 4:])[0] @ T_r0_c[:3, :3]
         T_r0_c[2, 3] += state_6[3]
-        T_r0_r1 = np.eye(4)
-        c, s = np.cos(state_6[2]), np.sin(state_6[2])
-        T_r0_r1[:2, :2] = [[c, -s], [s, c]]
-        T_r0_r1[:2, 3] = state_6[:2]
+        T_r0_r1 = se3_from_se2(SE2.from_array(state_6[:3]))
         pose: Array = np.linalg.inv(T_r0_c) @ T_r0_r1 @ self.robot.T_r1_o
         return pose
 
     def state(self, T_c_o: Array) -> Array:
         """(6,) inverse of `T_c_o`."""
         T = self.T_r0_c @ T_c_o @ np.linalg.inv(self.robot.T_r1_o)
-        # The turn that makes robot 1's upright axis upright, by the shortest way.
+        # The shortest rotation that makes robot 1 upright.
         axis = np.array([T[1, 2], -T[0, 2], 0.0])
         sine, cosine = float(np.linalg.norm(axis)), float(T[2, 2])
         tilt = axis / max(sine, _SMALL) * np.arctan2(sine, cosine)
-        turn, centre = turns(tilt[None, :2])[0], self.T_r0_c[:3, 3]
-        x, y, z = turn @ (T[:3, 3] - centre) + centre
-        R = turn @ T[:3, :3]
+        upright, camera_r0 = tilt_rotations(tilt[None, :2])[0], self.T_r0_c[:3, 3]
+        x, y, z = upright @ (T[:3, 3] - camera_r0) + camera_r0
+        R = upright @ T[:3, :3]
         return np.array([x, y, np.arctan2(R[1, 0], R[0, 0]), -z, tilt[0], tilt[1]])
 
 
-def turns(tilt_M2: Array) -> Array:
-    """(M, 3, 3) rotations by rotation vectors (x, y, 0) [rad]."""
+def tilt_rotations(tilt_M2: Array) -> Array:
+    """(M, 3, 3) rotations by rotation vectors (x, y, 0) [rad]; twice as fast as SciPy's for up to 500."""
     angle = np.maximum(np.linalg.norm(tilt_M2, axis=1), _SMALL)
     x, y = (tilt_M2 / angle[:, None]).T
     c, s = np.cos(angle), np.sin(angle)
-    # A tilt of zero has no axis: its first-order turn is the identity as well.
+    # A tilt of zero has no axis, but to first order it is the identity all the same.
     return np.stack(
         [
             np.stack([c + x * x * (1 - c), x * y * (1 - c), y * s], axis=1),

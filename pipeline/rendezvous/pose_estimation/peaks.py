@@ -1,4 +1,4 @@
-"""Belief maps to sub-cell peaks."""
+"""Sub-cell peaks of belief maps."""
 
 from __future__ import annotations
 
@@ -12,23 +12,23 @@ from rendezvous.geometry.se2 import Array
 from rendezvous.pose_estimation.dope_labels import Maps
 
 LEAST_HEIGHT = 0.05
-"""Lower peaks are noise."""
+"""Peaks below this are noise."""
 MOST_PER_CHANNEL = 4
 _REACH_CELLS = 2
 _WIDTH = 0.7
-"""Of the kernel around a peak, in standard deviations of the target: narrow enough that what the target
-leaves out beyond two of them does not pull, wide enough to average noise."""
+"""Width of the kernel around a peak, in standard deviations of the target: narrow enough to ignore that
+targets are cut off at two of them, wide enough to average noise."""
 _STEPS = 4
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Peaks:
-    """Where maps have maxima.
+    """Maxima of a stack of maps, by rising channel, the highest of each map first.
 
     Attributes:
-        channel_P: (P,) the map of each, in rising order; the highest of a map first.
+        channel_P: (P,) index of the map.
         uv_cells_P2: (P, 2) column and row, sub-cell.
-        height_P: (P,) of the Gaussian of the target's width that fits best; 1 for the target itself.
+        height_P: (P,) height of the best-fitting Gaussian of the target's width; 1 for the target itself.
     """
 
     channel_P: NDArray[np.int64]
@@ -45,15 +45,15 @@ def belief_peaks(
 ) -> Peaks:
     """The maxima of each map.
 
-    Around each local maximum the place m is sought where the mean of the cells, weighted with their belief
-    and with a Gaussian kernel around m, is m itself: exact for a Gaussian of any width, as symmetric noise
-    leaves it.
+    A peak's position is the fixed point m of a weighted mean of cells near a local maximum, the weights being
+    belief times a Gaussian kernel around m. This is exact for a Gaussian of any width, and symmetric noise
+    does not bias it.
 
     Args:
         belief_Chw: (C, h, w).
         sigma_cells: standard deviation of the target's Gaussians.
-        least_height: lower maxima are left out.
-        most: of one map, at most so many.
+        least_height: height below which maxima are dropped.
+        most: largest number of peaks per map.
     """
     found = _maxima(belief_Chw, sigma_cells, _WIDTH * sigma_cells, least_height)
     found = found[np.lexsort([-found[:, 3], found[:, 0]])]
@@ -84,7 +84,7 @@ def _maxima(belief_Chw, sigma, kernel, least_height):  # type: ignore[no-untyped
 
 @njit
 def _is_maximum(belief, row, col):  # type: ignore[no-untyped-def]
-    """Of its 3x3 cells; of two that are equal the first."""
+    """Whether the cell is the maximum of its 3x3 neighbourhood; the first of equal ones is."""
     height, width = belief.shape
     for y in range(max(row - 1, 0), min(row + 2, height)):
         for x in range(max(col - 1, 0), min(col + 2, width)):
@@ -100,7 +100,7 @@ def _fit(belief, row, col, sigma, kernel):  # type: ignore[no-untyped-def]
     """Sub-cell column, row and height of the maximum at a cell."""
     height, width = belief.shape
     u, v, fitted = float(col), float(row), 0.0
-    # With a target of width sigma the weighted mean goes only this part of the way.
+    # For a target of width sigma the weighted mean covers only 1 / gain of the way.
     gain = 1.0 + (sigma / kernel) ** 2
     for _ in range(_STEPS):
         total = moved_u = moved_v = shape = 0.0
@@ -117,7 +117,7 @@ def _fit(belief, row, col, sigma, kernel):  # type: ignore[no-untyped-def]
             break
         fitted = total / shape
         du, dv = gain * moved_u / total, gain * moved_v / total
-        # A maximum lies within its cell; on a slope the step would leave it.
+        # A maximum lies in or near its cell; on a slope the step would run away.
         u = min(max(u + du, col - 0.75), col + 0.75)
         v = min(max(v + dv, row - 0.75), row + 0.75)
     return u, v, fitted

@@ -1,10 +1,10 @@
-"""What makes the confidence of a relative pose agree with its errors, fitted on validation images.
+"""Calibration of relative poses: makes their stated confidence agree with their errors on validation images.
 
-How exact peaks are is measured on the peaks themselves. What the nine points share (a network that sees a
-robot too large, a camera whose height is not quite as told) is in no peak: the covariance gets more of it
-along the line of sight and across it, and errors are taken as a Student's t distribution has them, for a
-few poses are far worse than their peaks look. How sure several readings are is made softer or sharper. And
-a score of detection says how probable it is that there is a robot where it was read.
+The accuracy of peaks is measured on the peaks themselves. Errors that all nine points share (a network that
+overestimates the robot's size, a camera mounted a little higher than stated) show in no peak, so the
+covariance is enlarged along and across the line of sight. Errors follow a Student's t distribution, since a
+few poses are far worse than their peaks suggest. An exponent makes the probabilities of several readings
+softer or sharper, and a score of detection is the probability that there is a robot where one was read.
 """
 
 from __future__ import annotations
@@ -22,25 +22,23 @@ from rendezvous.pose_estimation.cuboid_pose import Reading
 from rendezvous.pose_estimation.keypoint_evidence import KeypointNoise
 
 LEAST_READING_MASS = 0.01
-"""Less probable readings are left out."""
+"""Readings less probable than this are dropped."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PoseCalibration:
-    """How to read peaks and poses. The defaults suit a network that has not been calibrated.
+    """How to interpret peaks and poses. The defaults suit a network that has not been calibrated.
 
     Attributes:
-        peak_floor_cells, peak_scale: of `KeypointNoise`.
-        scale: factor of the covariance that the peaks give.
-        along_share, across_share: standard deviations that are added, along and across the line of sight, as
-            shares of the distance.
-        floor_m, floor_rad: standard deviations that are added, of x and y and of yaw.
-        degrees_of_freedom: of the Student's t distribution that then has this covariance; more than 2.
+        peak_floor_cells, peak_scale: fields of `KeypointNoise`.
+        scale: factor on the covariance from the peaks.
+        along_share, across_share: standard deviations added along and across the line of sight, relative to
+            the distance.
+        floor_m, floor_rad: standard deviations added to x and y, and to yaw.
+        degrees_of_freedom: of the Student's t distribution with the resulting covariance; more than 2.
         sharpness: exponent of the readings' probabilities.
-        bias, of_explained, of_gain: of the logistic score: what it is without anything, by weight of the
-            peaks that agree with the best reading, and by a tenth of the log of how much more probable it
-            makes the maps.
-        least_score: for the robot to be found.
+        bias, of_explained, of_gain: constant and weights of the logistic score; see `score_features`.
+        least_score: score from which the robot counts as found.
     """
 
     peak_floor_cells: float = 0.1
@@ -77,16 +75,16 @@ class PoseCalibration:
 
     @property
     def noise(self) -> KeypointNoise:
-        """Of the peaks."""
+        """Accuracy of peaks."""
         return KeypointNoise(floor_cells=self.peak_floor_cells, scale=self.peak_scale)
 
     def covariance(self, covariance: Array, T_r0_r1: SE2) -> Array:
-        """(3, 3): what that of a reading stands for."""
+        """(3, 3) calibrated covariance of a reading."""
         (out,) = self.covariances(covariance[None], T_r0_r1.as_array()[None])
         return out
 
     def covariances(self, covariance_N33: Array, T_r0_r1_N3: Array) -> Array:
-        """(N, 3, 3): what those of readings at x [m], y [m], yaw [rad] stand for."""
+        """(N, 3, 3) calibrated covariances of readings at (N, 3) x [m], y [m], yaw [rad]."""
         x_m, y_m, yaw_rad = T_r0_r1_N3.T
         distance_m, sight_rad = np.hypot(x_m, y_m), np.arctan2(y_m, x_m) - yaw_rad
         along = np.stack([np.cos(sight_rad), np.sin(sight_rad)], axis=-1)
@@ -104,11 +102,11 @@ class PoseCalibration:
         return masses
 
     def score(self, reading: Reading) -> float:
-        """Probability that the robot is where the best reading has it."""
+        """Probability that the robot is where this reading, the best of its image, puts it."""
         return float(expit(self.bias + np.dot((self.of_explained, self.of_gain), score_features(reading))))
 
     def as_dict(self) -> dict[str, float]:
-        """Values by field, for the weights' JSON."""
+        """Values by field name, for the weights' JSON."""
         return asdict(self)
 
     @staticmethod
@@ -116,7 +114,7 @@ class PoseCalibration:
         """Inverse of `as_dict`.
 
         Raises:
-            ConfigError: a field is missing or unknown, or a value has no use.
+            ConfigError: a field is missing or unknown, or a value is out of range.
         """
         expected = {field.name for field in fields(PoseCalibration)}
         if values.keys() != expected or not all(isinstance(v, int | float) for v in values.values()):
@@ -127,5 +125,5 @@ class PoseCalibration:
 
 
 def score_features(reading: Reading) -> tuple[float, float]:
-    """What the score of detection goes by."""
+    """Features of the score: weight of the agreeing peaks, and a tenth of the log likelihood ratio."""
     return reading.explained, 0.1 * reading.gain

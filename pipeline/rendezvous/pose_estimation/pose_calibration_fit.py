@@ -1,9 +1,9 @@
 """Fits a `PoseCalibration` to images whose truth is known.
 
-First the noise of peaks, then, with poses read under it, the score of detection, the spread of poses and the
-sharpness of their probabilities: each by likelihood of the truth.
+First the accuracy of peaks; then, with poses read under it, the score of detection, the spread of poses and
+the sharpness of their probabilities: each by maximum likelihood of the truth.
 
-Legend: N images.
+Legend: N images, M readings of an image.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import minimize
-from scipy.special import expit, logsumexp
+from scipy.special import expit, log_softmax, logsumexp
 
 from rendezvous.alignment.spread import log_density
 from rendezvous.geometry.occupancy_grid import Mask
@@ -25,15 +25,18 @@ from rendezvous.pose_estimation.peaks import Peaks
 from rendezvous.pose_estimation.pose_calibration import PoseCalibration, score_features
 
 SAME_M, SAME_SHARE = 0.3, 0.15
-"""A reading is of the robot itself if it is no farther from it than one of these, the latter of the
-distance."""
+"""A reading is of the robot itself if it is within one of these distances; the latter is relative to the
+robot's distance."""
 SAME_READING_RAD = 0.25 * np.pi
-"""A reading whose heading is wrong by more took one side of the robot for another."""
+"""A reading whose heading is off by more confused the robot's sides."""
 FALSE_SHARE = 0.005
-"""Of images without the robot, in which one may be found: half of what is called for, for few tell it."""
+"""Share of images without the robot in which one may be found: half of what is required, as few images
+decide it."""
 SHARPNESSES = tuple(float(s) for s in np.geomspace(0.01, 100.0, 49))
-"""What is tried, around 1. Where few images have several readings, the nearer to 1 the better: the log of it
-is normal to begin with, one standard deviation being a factor of e."""
+"""Candidates. The prior on the log is normal about 0 with a standard deviation of 1, which matters where few
+images have several readings."""
+LEAST_LOG_LIKELIHOOD = -20.0
+"""Lower limit per image: where no reading holds the truth, the image is no evidence about sharpness."""
 _FIRST_SPREAD = (1.0, 0.02, 0.005, 0.003, 0.01, 3.0)
 """Scale, shares along and across, floor of x and y [m], of yaw [rad], degrees of freedom above 2."""
 _LIMITS = np.log([(0.05, 50.0), (1e-4, 0.5), (1e-4, 0.5), (1e-4, 0.3), (1e-4, 1.0), (0.1, 1e3)])
@@ -47,8 +50,8 @@ class SeenPeaks:
 
     Attributes:
         look: the part of the image.
-        peaks: that were found there.
-        uv_px: (9, 2) where the points truly are in the image.
+        peaks: peaks found there.
+        uv_px: (9, 2) true points in the image.
     """
 
     look: Look
@@ -58,7 +61,7 @@ class SeenPeaks:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReadImage:
-    """What was read in an image.
+    """The readings of an image.
 
     Attributes:
         readings: the most probable first; none if nothing looked like the robot.
@@ -71,11 +74,18 @@ class ReadImage:
     @property
     def right(self) -> bool:
         """Whether the best reading is of the robot itself, whichever way it faces."""
-        return bool(self.readings) and self.T_r0_r1 is not None and _of_it(self.readings[0], self.T_r0_r1)
+        return bool(self.readings) and self.T_r0_r1 is not None and _is_at(self.readings[0], self.T_r0_r1)
+
+    def errors_M3(self) -> Array:
+        """(M, 3) components of `T_r0_r1⁻¹ T_r0_r1_true` of each reading."""
+        assert self.T_r0_r1 is not None
+        return np.array(
+            [(one.T_r0_r1.inverse() @ self.T_r0_r1).wrapped().as_array() for one in self.readings]
+        )
 
 
 def likeliest_noise(seen: Sequence[SeenPeaks], *, sigma_cells: float) -> KeypointNoise:
-    """The noise of peaks under which the true points are most likely."""
+    """The accuracy of peaks under which the true points are most likely."""
 
     def noise(logs: Array) -> KeypointNoise:
         floor_cells, scale = np.exp(np.clip(logs, *_NOISE_LIMITS.T))
@@ -96,10 +106,10 @@ def likeliest_noise(seen: Sequence[SeenPeaks], *, sigma_cells: float) -> Keypoin
 
 
 def fitted(noise: KeypointNoise, images: Sequence[ReadImage]) -> PoseCalibration:
-    """The calibration that fits best.
+    """The best-fitting calibration.
 
     Args:
-        noise: of the peaks, under which the images were read.
+        noise: accuracy of peaks under which the images were read.
         images: with and without the robot; some must be right.
     """
     calibration = with_score(
@@ -114,7 +124,7 @@ def fitted(noise: KeypointNoise, images: Sequence[ReadImage]) -> PoseCalibration
 
 
 def with_score(calibration: PoseCalibration, images: Sequence[ReadImage]) -> PoseCalibration:
-    """The logistic regression of what is right, and the score that few images without the robot reach."""
+    """The calibration with a logistic regression of being right, and a threshold for few false finds."""
     read = [image for image in images if image.readings]
     features = np.array([[1.0, *score_features(image.readings[0])] for image in read])
     right = np.array([image.right for image in read])
@@ -123,7 +133,7 @@ def with_score(calibration: PoseCalibration, images: Sequence[ReadImage]) -> Pos
         margin = np.where(right, 1.0, -1.0) * (features @ weights)
         return float(np.logaddexp(0.0, -margin).mean() + _RIDGE * (weights[1:] ** 2).mean())
 
-    # More that agrees must never tell against a robot, however few images say so.
+    # More agreement must never count against a robot, however few images suggest it.
     bounds = [(None, None)] + [(0.0, None)] * (features.shape[1] - 1)
     weights = minimize(cost, np.zeros(features.shape[1]), method="L-BFGS-B", bounds=bounds).x
     least = _least_score(expit(features @ weights), right, len(images) - sum(i.right for i in images))
@@ -132,7 +142,7 @@ def with_score(calibration: PoseCalibration, images: Sequence[ReadImage]) -> Pos
 
 
 def _least_score(score_N: Array, right_N: Mask, wrong_images: int) -> float:
-    """Halfway between the best score that is wrong, but for as many as may be, and the next that is right."""
+    """Halfway between the best wrong score beyond the share allowed and the next right score above it."""
     wrong = np.sort(score_N[~right_N])[::-1]
     allowed = int(FALSE_SHARE * wrong_images)
     highest = float(wrong[allowed]) if len(wrong) > allowed else 0.0
@@ -141,10 +151,10 @@ def _least_score(score_N: Array, right_N: Mask, wrong_images: int) -> float:
 
 
 def with_spread(calibration: PoseCalibration, right: Sequence[ReadImage]) -> PoseCalibration:
-    """The covariance and the degrees of freedom under which errors are most likely."""
-    read = [one for image in right if (one := _nearest(image)) is not None]
+    """The calibration with the covariance and degrees of freedom under which errors are most likely."""
+    read = [one for image in right if (one := _facing(image)) is not None]
     errors = np.array([error for _, error in read])
-    told = np.array([reading.covariance for reading, _ in read])
+    stated = np.array([reading.covariance for reading, _ in read])
     poses = np.array([reading.T_r0_r1.as_array() for reading, _ in read])
 
     def changed(logs: Array) -> PoseCalibration:
@@ -162,52 +172,44 @@ def with_spread(calibration: PoseCalibration, right: Sequence[ReadImage]) -> Pos
     def cost(logs: Array) -> float:
         tried = changed(logs)
         tails = np.full(len(read), tried.degrees_of_freedom)
-        return -float(log_density(errors, tried.covariances(told, poses), tails).mean())
+        return -float(log_density(errors, tried.covariances(stated, poses), tails).mean())
 
     options = {"xatol": 1e-3, "fatol": 1e-5, "maxiter": 4000, "maxfev": 4000}
     return changed(minimize(cost, np.log(_FIRST_SPREAD), method="Nelder-Mead", options=options).x)
 
 
 def with_sharpness(calibration: PoseCalibration, right: Sequence[ReadImage]) -> PoseCalibration:
-    """The exponent of the readings' probabilities under which the true poses are most likely."""
-    densities = [_log_densities(calibration, image) for image in right]
+    """The calibration with the exponent of probabilities under which the true poses are most likely."""
+    # Padded to (N, M): readings that an image lacks have no probability.
+    evidence, densities = np.full((2, len(right), max(len(image.readings) for image in right)), -np.inf)
+    for n, image in enumerate(right):
+        evidence[n, : len(image.readings)] = [reading.log_evidence for reading in image.readings]
+        densities[n, : len(image.readings)] = _log_densities(calibration, image)
 
     def likelihood(sharpness: float) -> float:
-        tried = replace(calibration, sharpness=sharpness)
-        logs = [
-            logsumexp(np.log(np.maximum(tried.masses([r.log_evidence for r in image.readings]), 1e-12)) + d)
-            for image, d in zip(right, densities, strict=True)
-        ]
-        # An image whose truth none of its readings holds says nothing of which to believe.
-        return float(np.maximum(logs, -20.0).sum()) - 0.5 * np.log(sharpness) ** 2
+        log_masses = np.maximum(log_softmax(sharpness * evidence, axis=1), np.log(1e-12))
+        logs = logsumexp(log_masses + densities, axis=1)
+        return float(np.maximum(logs, LEAST_LOG_LIKELIHOOD).sum()) - 0.5 * np.log(sharpness) ** 2
 
     return replace(calibration, sharpness=max(SHARPNESSES, key=likelihood))
 
 
 def _log_densities(calibration: PoseCalibration, image: ReadImage) -> Array:
-    """(M,) of the truth under each reading."""
-    assert image.T_r0_r1 is not None
-    readings = image.readings
-    return log_density(
-        np.array([_error(reading, image.T_r0_r1) for reading in readings]),
-        np.array([calibration.covariance(reading.covariance, reading.T_r0_r1) for reading in readings]),
-        np.full(len(readings), calibration.degrees_of_freedom),
-    )
+    """(M,) log density of the truth under each reading."""
+    covariances = [calibration.covariance(one.covariance, one.T_r0_r1) for one in image.readings]
+    degrees = np.full(len(image.readings), calibration.degrees_of_freedom)
+    return log_density(image.errors_M3(), np.array(covariances), degrees)
 
 
-def _nearest(image: ReadImage) -> tuple[Reading, Array] | None:
-    """The reading that faces as the robot does, and its error; None if there is none."""
+def _facing(image: ReadImage) -> tuple[Reading, Array] | None:
+    """The reading that faces as the robot does, and its error (3,); None if there is none."""
     assert image.T_r0_r1 is not None
-    errors = [_error(reading, image.T_r0_r1) for reading in image.readings]
-    best = min(range(len(errors)), key=lambda m: abs(errors[m][2]))
-    near = abs(errors[best][2]) < SAME_READING_RAD and _of_it(image.readings[best], image.T_r0_r1)
+    errors = image.errors_M3()
+    best = int(np.abs(errors[:, 2]).argmin())
+    near = abs(errors[best, 2]) < SAME_READING_RAD and _is_at(image.readings[best], image.T_r0_r1)
     return (image.readings[best], errors[best]) if near else None
 
 
-def _error(reading: Reading, T_r0_r1: SE2) -> Array:
-    return (reading.T_r0_r1.inverse() @ T_r0_r1).wrapped().as_array()
-
-
-def _of_it(reading: Reading, T_r0_r1: SE2) -> bool:
+def _is_at(reading: Reading, T_r0_r1: SE2) -> bool:
     away_m = np.hypot(reading.T_r0_r1.x_m - T_r0_r1.x_m, reading.T_r0_r1.y_m - T_r0_r1.y_m)
     return bool(away_m < max(SAME_M, SAME_SHARE * np.hypot(T_r0_r1.x_m, T_r0_r1.y_m)))

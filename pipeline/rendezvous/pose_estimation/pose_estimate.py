@@ -1,4 +1,4 @@
-"""What an estimator of the relative pose gives: where robot 1 stands as seen by robot 0, or why not."""
+"""An estimate of the relative pose: robot 1's pose in robot 0's frame, or the reason why there is none."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ class PoseMode:
         T_r0_r1: θ_relative, the pose of robot 1 in robot 0's frame, on the floor.
         covariance: (3, 3) of the components x [m], y [m], yaw [rad] of `T_r0_r1⁻¹ T_r0_r1_true`.
         mass: its probability, in (0, 1].
-        T_c_o: (4, 4) pose of the cuboid in the camera that it was read from.
-        degrees_of_freedom: of the Student's t distribution that has this covariance, more than 2; infinite:
-            normal.
+        T_c_o: (4, 4) pose of the cuboid in the camera from which it was read.
+        degrees_of_freedom: of the Student's t distribution that has this covariance, more than 2; infinite
+            for a normal distribution.
     """
 
     T_r0_r1: SE2
@@ -40,15 +40,14 @@ class PoseMode:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RelativePose:
-    """An estimate of the relative pose from one image, or why there is none.
+    """An estimate of the relative pose from one image, or the reason why there is none.
 
     Attributes:
-        modes: readings of the image, the most probable first; several where a robot's front and back, say,
-            are hard to tell apart. None if the robot was not found: a pose is never made up.
-        score: of the detection, in [0, 1].
-        keypoints_px: (9, 2) the cuboid's points that were found in the image, in DOPE's order; NaN for one
-            that was not.
-        reason: why there is no pose; empty if there is one.
+        modes: readings of the image, the most probable first; several where the robot's sides are hard to
+            distinguish, none if the robot was not found: a pose is never made up.
+        score: score of the detection, in [0, 1].
+        keypoints_px: (9, 2) the cuboid's points as found in the image, in DOPE's order; NaN if not found.
+        reason: why there is no pose; '' if there is one.
     """
 
     modes: tuple[PoseMode, ...]
@@ -57,7 +56,7 @@ class RelativePose:
     reason: str = ""
 
     def __post_init__(self) -> None:
-        assert bool(self.modes) == (not self.reason), "an estimate has a pose or else a reason"
+        assert bool(self.modes) == (not self.reason), "an estimate has either a pose or a reason"
         assert self.keypoints_px.shape == (9, 2), self.keypoints_px.shape
         masses = [mode.mass for mode in self.modes]
         assert masses == sorted(masses, reverse=True), masses
@@ -74,18 +73,18 @@ class RelativePose:
 
     @staticmethod
     def not_found(reason: str, *, score: float = 0.0) -> RelativePose:
-        """Of an image in which the robot is not seen well enough."""
+        """The estimate for an image that does not show the robot well enough."""
         return RelativePose(modes=(), score=score, keypoints_px=np.full((9, 2), np.nan), reason=reason)
 
 
 class ImagePoseEstimator(Protocol):
-    """A method that reads the relative pose from an image."""
+    """A method that estimates the relative pose from an image."""
 
     def __call__(self, image: Image, camera: PinholeCamera, T_r0_c: Array) -> RelativePose:
-        """Where robot 1 stands.
+        """Estimate the pose of robot 1.
 
         Args:
-            image: (H, W, 3) uint8 red, green, blue, free of distortion.
-            camera: that took it.
+            image: (H, W, 3) uint8 red, green, blue, undistorted.
+            camera: intrinsics of the camera that took it.
             T_r0_c: (4, 4) pose of the camera on robot 0.
         """

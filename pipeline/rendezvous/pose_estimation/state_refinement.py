@@ -1,10 +1,10 @@
-"""From a rough pose to the best one near it: least squares on the evidence, robust by its mixture of peaks.
+"""Refines rough poses to the nearest maximum of the posterior: least squares, robust by mixtures of peaks.
 
-Each step shares a point out among the peaks of its map and `elsewhere` (expectation), then moves the
-states by Levenberg-Marquardt towards them (maximisation): a peak that fits nothing has no share, so it
-does not pull.
+Each iteration divides a point among the peaks of its map and `elsewhere` (expectation), then moves the states
+towards those peaks by one Levenberg-Marquardt step (maximisation). Outlying peaks get no share and do not
+pull.
 
-Legend: M states, G belief maps, J peaks of a map, 6 numbers of a state (`model`).
+Legend: M states of an `ObservationModel`, G belief maps, J peaks of a map.
 """
 
 from __future__ import annotations
@@ -18,20 +18,20 @@ from rendezvous.pose_estimation.keypoint_evidence import KeypointEvidence
 from rendezvous.pose_estimation.observation_model import HEIGHT_SIGMA_M, TILT_SIGMA_RAD, ObservationModel
 
 _WIDENINGS_CELLS = (1.5, 1.5, 1.0, 0.7, 0.4, 0.2, 0.1, 0.05) + (0.0,) * 5
-"""Standard deviations that are added to the peaks' own in turn: from afar all attract."""
-_ANYTHING_M, _ANYTHING_RAD = 10.0, 10.0
+"""Standard deviations added to the peaks' own, one per iteration: wide peaks attract from afar."""
+_ANY_HEIGHT_M, _ANY_TILT_RAD = 10.0, 10.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RefinedStates:
-    """Poses at their best.
+    """Maxima of the posterior; see `cuboid_pose.Reading`.
 
     Attributes:
-        states_M6: (M, 6).
-        covariance_M66: (M, 6, 6) of the states.
-        log_evidence_M: (M,) log of the probability that lies around each, up to a constant for all.
+        states_M6: (M, 6) the states.
+        covariance_M66: (M, 6, 6) their covariances.
+        log_evidence_M: (M,) log of the probability mass around each, up to a shared constant.
         explained_M: (M,) weight of the peaks that agree with it, mean over the maps, in [0, 1].
-        gain_M: (M,) log likelihood above that of an image without a robot.
+        gain_M: (M,) log likelihood ratio to an image without a robot.
     """
 
     states_M6: Array
@@ -42,8 +42,8 @@ class RefinedStates:
 
 
 def lean_precision(*, floor: bool) -> Array:
-    """(6,) of the prior on a state; of height and tilt nearly none where the floor is not to be used."""
-    height, tilt = (HEIGHT_SIGMA_M, TILT_SIGMA_RAD) if floor else (_ANYTHING_M, _ANYTHING_RAD)
+    """(6,) precision of the prior on a state; nearly 0 for height and tilt if the floor is not used."""
+    height, tilt = (HEIGHT_SIGMA_M, TILT_SIGMA_RAD) if floor else (_ANY_HEIGHT_M, _ANY_TILT_RAD)
     precision: Array = np.array([0.0, 0.0, 0.0, height, tilt, tilt])
     precision[3:] **= -2.0
     return precision
@@ -52,13 +52,13 @@ def lean_precision(*, floor: bool) -> Array:
 def refine(
     model: ObservationModel, evidence: KeypointEvidence, states_M6: Array, *, floor: bool
 ) -> RefinedStates:
-    """The nearest maxima of the posterior.
+    """The maxima of the posterior nearest to the given states.
 
     Args:
         model: camera and robot.
-        evidence: of the image.
-        states_M6: where to begin.
-        floor: whether both robots stand on one level floor, as exactly as `model` has it.
+        evidence: evidence from the image.
+        states_M6: (M, 6) where to start.
+        floor: whether both robots stand on one level floor, within the model's tolerances.
     """
     prior_6 = lean_precision(floor=floor)
     states, damping = states_M6.copy(), np.full(len(states_M6), 1e-3)
@@ -86,7 +86,7 @@ def refine(
 def _cost(
     model: ObservationModel, evidence: KeypointEvidence, states: Array, prior_6: Array, added_px2: float
 ) -> Array:
-    """(M,) minus the log posterior, up to a constant."""
+    """(M,) negative log posterior, up to a constant."""
     likelihood = evidence.log_likelihood(model.project(states), added_px2=added_px2)
     cost: Array = 0.5 * (prior_6 * states**2).sum(axis=1) - likelihood
     return cost
@@ -95,7 +95,7 @@ def _cost(
 def _normal_equations(
     model: ObservationModel, evidence: KeypointEvidence, states: Array, prior_6: Array, added_px2: float
 ) -> tuple[Array, Array, Array]:
-    """(M, 6, 6) and (M, 6) of the step, and (M, G, J) the peaks' shares."""
+    """(M, 6, 6) and (M, 6) normal equations of a step, and (M, G, J) the peaks' shares."""
     uv, J = model.project(states), model.jacobian(states)
     _, share = evidence.log_densities(uv, added_px2=added_px2)
     precision = evidence.power * share / (evidence.variance_px2_GJ + added_px2)
