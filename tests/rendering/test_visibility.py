@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 import numpy as np
-from rendezvous.rendering.visibility import robot_view
+from rendezvous.rendering.scene import robot_view
 
 
 def test_the_silhouette_holds_the_visible_pixels_where_two_passes_round_apart():

@@ -1,11 +1,11 @@
-"""What a picture is of: the contract between what draws scenes at random and what renders them.
+"""Scenes and their renderings: the contract between the code that draws scenes at random and the renderer.
 
 World frame w: metres, z up, floor at z = 0. Camera frame c: OpenCV's (x right, y down, z forward).
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -20,15 +20,15 @@ from rendezvous.geometry.se2 import Array
 Rgb = tuple[float, float, float]
 
 MeshPool = Mapping[str, tuple[trimesh.Trimesh, ...]]
-"""Meshes by key, each as parts of one material; where a part has UVs they count repeats of a texture."""
+"""Meshes by key, in parts of one material each; UVs, if a part has any, count repeats of a texture."""
 
 TexturePool = Mapping[str, Image]
-"""Textures by key: (H, W, 3) uint8, sRGB, repeated without a seam."""
+"""Textures by key: (H, W, 3) uint8, sRGB, tiling without a seam."""
 
 MAX_LIGHTS, MAX_SHADOWS = 8, 2
 
 NO_INSTANCE = -1
-"""Id of the pixels that show the background."""
+"""Id of pixels that show the background."""
 
 
 class LightKind(StrEnum):
@@ -47,7 +47,7 @@ class Material:
         base_colour_rgb: linear, 0..1; multiplies the texture.
         metallic, roughness: 0..1.
         texture: key into the texture pool; None for a plain surface.
-        texture_scale_m: side of one repeat of the texture on meshes of the plan; others have their own UVs.
+        texture_scale_m: side of one repeat of the texture, on meshes without UVs.
     """
 
     base_colour_rgb: Rgb
@@ -68,13 +68,13 @@ class Material:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Instance:
-    """A mesh of the pool at a place.
+    """A mesh of the pool at a pose.
 
     Attributes:
-        name: unique in the scene; parts of one thing share what stands before a slash: `r1/wheel_left`.
+        name: unique in the scene; parts of one object share what precedes a slash: `r1/wheel_left`.
         mesh: key into the mesh pool.
         T_w: (4, 4) pose in w, which may scale the mesh along its own axes.
-        material: None for the mesh's own.
+        material: its material; None for the mesh's own.
     """
 
     name: str
@@ -91,9 +91,9 @@ class Light:
         kind: how it spreads.
         T_w: (4, 4) pose in w; it shines along its -z axis.
         colour_rgb: linear, 0..1.
-        intensity: illuminance [lx] of a directional light, luminous intensity [cd] of the others; a white
-            matt surface that a directional light of pi falls on squarely is as bright as a picture shows.
-        casts_shadow: whether what it shines on throws a shadow; point lights throw none.
+        intensity: illuminance [lx] of a directional light, luminous intensity [cd] of the others. Pi lx on a
+            white matt surface, straight on, just reaches white in the picture.
+        casts_shadow: whether its light casts shadows; a point light cannot.
         cone_rad: half angle of a spot's cone.
     """
 
@@ -106,21 +106,21 @@ class Light:
 
     def __post_init__(self) -> None:
         if self.casts_shadow and self.kind == LightKind.POINT:
-            raise PipelineError("light: a point light throws no shadow; make it a spot")
+            raise PipelineError("light: a point light casts no shadow; make it a spot")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scene:
-    """All that a picture depends on.
+    """Everything that a picture depends on.
 
     Attributes:
         camera: intrinsics and size.
         T_w_c: (4, 4) pose of the camera.
-        instances: what there is.
-        lights: at most MAX_LIGHTS, of which at most MAX_SHADOWS throw shadows.
-        ambient_rgb: light that comes from everywhere, linear.
+        instances: the meshes to draw.
+        lights: at most MAX_LIGHTS, of which at most MAX_SHADOWS cast shadows.
+        ambient_rgb: light from all directions, linear.
         background: (H, W, 3) uint8 behind everything, of the camera's size; None for black.
-        robot: name of the robot that labels are about: of one instance, or of those named `robot/...`.
+        robot: the labelled robot: name of an instance, or what precedes the slash in its parts' names.
     """
 
     camera: PinholeCamera
@@ -134,8 +134,8 @@ class Scene:
     def __post_init__(self) -> None:
         names = [instance.name for instance in self.instances]
         if len(set(names)) != len(names):
-            twice = sorted({name for name in names if names.count(name) > 1})
-            raise PipelineError(f"scene: more than one instance named {', '.join(twice)}; names are unique")
+            repeated = sorted({name for name in names if names.count(name) > 1})
+            raise PipelineError(f"scene: more than one instance named {', '.join(repeated)}; must be unique")
         shadows = sum(light.casts_shadow for light in self.lights)
         if len(self.lights) > MAX_LIGHTS or shadows > MAX_SHADOWS:
             raise PipelineError(
@@ -147,14 +147,9 @@ class Scene:
             raise PipelineError(f"scene: background of shape {self.background.shape}; the camera has {size}")
 
     def robot_ids(self) -> tuple[int, ...]:
-        """Indices of the instances that are the robot."""
-        if self.robot is None:
-            return ()
-        prefix = f"{self.robot}/"
+        """Indices of the instances that make up the robot."""
         return tuple(
-            i
-            for i, instance in enumerate(self.instances)
-            if instance.name == self.robot or instance.name.startswith(prefix)
+            i for i, instance in enumerate(self.instances) if instance.name.split("/")[0] == self.robot
         )
 
 
@@ -164,10 +159,45 @@ class Rendering:
 
     Attributes:
         rgb: (H, W, 3) uint8, sRGB.
-        instance_ids: (H, W) int32, index into the scene's instances, NO_INSTANCE for the background.
-        depth_m: (H, W) float32 [m] along the camera's axis, inf for the background.
+        instance_ids: (H, W) int32, index into the scene's instances; NO_INSTANCE for the background.
+        depth_m: (H, W) float32 [m] along the camera's axis; inf for the background.
     """
 
     rgb: Image
     instance_ids: NDArray[np.int32]
     depth_m: NDArray[np.float32]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RobotView:
+    """What a picture shows of the robot.
+
+    Attributes:
+        visibility: visible pixels / pixels of the whole silhouette; 0 where nothing is seen.
+        box_px: x0, y0, x1, y1 of the outer edges of the visible pixels; None where nothing is seen.
+        visible_px: number of visible pixels.
+        silhouette_px: number of pixels that it would cover unobstructed on a large enough canvas.
+    """
+
+    visibility: float
+    box_px: tuple[float, float, float, float] | None
+    visible_px: int
+    silhouette_px: int
+
+
+def robot_view(instance_ids: NDArray[np.int32], robot_ids: Sequence[int], *, silhouette_px: int) -> RobotView:
+    """What (H, W) instance ids show of the instances with the robot's ids."""
+    visible = np.isin(instance_ids, robot_ids)
+    visible_px = int(np.count_nonzero(visible))
+    # Image and silhouette come from two passes, which may round a pixel at an edge differently.
+    silhouette_px = max(silhouette_px, visible_px)
+    if not visible_px:
+        return RobotView(visibility=0.0, box_px=None, visible_px=0, silhouette_px=silhouette_px)
+    rows, columns = np.flatnonzero(visible.any(axis=1)), np.flatnonzero(visible.any(axis=0))
+    x0, y0, x1, y1 = (float(i) for i in (columns[0], rows[0], columns[-1], rows[-1]))
+    return RobotView(
+        visibility=visible_px / silhouette_px,
+        box_px=(x0 - 0.5, y0 - 0.5, x1 + 0.5, y1 + 0.5),
+        visible_px=visible_px,
+        silhouette_px=silhouette_px,
+    )

@@ -1,4 +1,4 @@
-"""Takes pictures of drawn scenes, with their labels. All that is heavy to make stays resident."""
+"""Takes labelled pictures of drawn scenes. Everything expensive to make stays resident."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from rendezvous.rendering.effects import apply_effects
 from rendezvous.rendering.opengl.renderer import Renderer
 from rendezvous.rendering.plan_scene import plan_meshes
 from rendezvous.rendering.randomise import Drawn, robot_looks
+from rendezvous.rendering.scene import RobotView
 from rendezvous.rendering.thing_meshes import thing_meshes
-from rendezvous.rendering.visibility import RobotView
 from rendezvous.simulation.robot import RobotSpec
 
 
@@ -26,9 +26,9 @@ class Picture:
     """A picture and its label.
 
     Attributes:
-        rgb: (H, W, 3) uint8, sRGB, as the camera gives it.
-        T_c_o: (4, 4) pose of the robot's cuboid in the camera; None where there is no robot.
-        projected_cuboid_px: (9, 2) its points in DOPE's order, NaN behind the camera; None likewise.
+        rgb: (H, W, 3) uint8, sRGB, after the camera's effects.
+        T_c_o: (4, 4) pose of the robot's cuboid in the camera; None without a robot.
+        projected_cuboid_px: (9, 2) its points in DOPE's order, NaN behind the camera; None without a robot.
         view: how much of the robot shows, and where.
     """
 
@@ -39,11 +39,12 @@ class Picture:
 
 
 class Studio:
-    """One robot's looks, textures and a renderer that holds them: one for each process.
+    """One robot's looks, textures, and a renderer that holds them; make one per process.
 
     Attributes:
         looks: the robot that is seen.
         textures: the texture pool.
+        camera: intrinsics of the camera that sees it.
     """
 
     def __init__(
@@ -58,9 +59,9 @@ class Studio:
 
         Args:
             rng: draws the textures.
-            robot: dimensions of the robot that is seen, and of the camera that sees it.
-            parts: its model's parts by name, in r.
-            variants: textures of each kind.
+            robot: the robot that is seen, and of the same make as the one that carries the camera.
+            parts: parts of its model by name, in r.
+            variants: number of textures of each kind.
 
         Raises:
             SetupError: rendering does not work on this machine.
@@ -81,14 +82,13 @@ class Studio:
         return self.looks.spec
 
     def take(self, drawn: Drawn) -> Picture:
-        """The picture of a scene and its label."""
+        """Render a scene and label it."""
         rendering = self._renderer.render(drawn.scene)
         T_c_o = drawn.T_c_o(self.robot.cuboid)
+        size_m = self.robot.cuboid.size_m
         return Picture(
             rgb=apply_effects(rendering.rgb, drawn.effects),
             T_c_o=T_c_o,
-            projected_cuboid_px=(
-                None if T_c_o is None else project_cuboid(T_c_o, self.robot.cuboid.size_m, self.camera)
-            ),
+            projected_cuboid_px=None if T_c_o is None else project_cuboid(T_c_o, size_m, self.camera),
             view=self._renderer.robot_view(drawn.scene, rendering),
         )

@@ -1,6 +1,6 @@
-"""The process's one OpenGL context, without a screen: EGL, on a GPU where there is one, else on the CPU.
+"""The process's only OpenGL context, off-screen by EGL: on the GPU if there is one, else on the CPU.
 
-A context is bound to its process: children must be spawned. Forked after any use of GL, they hang.
+A context belongs to its process. Child processes must be spawned: forked after any use of GL, they hang.
 """
 
 from __future__ import annotations
@@ -13,11 +13,11 @@ from typing import Any
 from rendezvous.errors import SetupError
 
 LIBRARIES = {"libEGL.so.1": "libegl1", "libGL.so.1": "libgl1"}
-"""System libraries that rendering needs, and the Debian packages they are in."""
+"""System libraries that rendering needs, and their Debian packages."""
 
 
 def check_libraries() -> None:
-    """Find out whether rendering can work on this machine.
+    """Check that the system libraries for rendering are there.
 
     Raises:
         SetupError: a system library is missing.
@@ -31,7 +31,7 @@ def check_libraries() -> None:
 
 
 def renderer_name() -> str:
-    """What draws: the GPU's name, or llvmpipe for Mesa's renderer on the CPU."""
+    """Name of the GPU, or llvmpipe for Mesa's renderer on the CPU."""
     headless_context()
     from OpenGL import GL
 
@@ -40,18 +40,18 @@ def renderer_name() -> str:
 
 @cache
 def headless_context() -> Any:
-    """The context, made at the first call and current from then on; it lives as long as the process.
+    """The context, created and made current by the first call; it lives as long as the process.
 
-    Never destroyed: pyrender would end the display's connection, and all other contexts, with it.
+    It is never destroyed: pyrender would close the display's connection with it, and all other contexts.
 
     Raises:
         SetupError: a system library is missing, or no EGL device can be opened.
     """
     check_libraries()
-    # PyOpenGL picks its platform and Mesa its threads when they are first imported or called.
+    # PyOpenGL chooses its platform when imported, Mesa its threads when first called.
     os.environ["PYOPENGL_PLATFORM"] = "egl"
     os.environ["PYGLET_HEADLESS"] = "1"
-    # One thread for each worker process: two such outdo one with two threads (19.6 to 14 images a second).
+    # Two workers of one thread each are faster than one of two threads (19.6 against 14 images per second).
     os.environ.setdefault("LP_NUM_THREADS", "1")
     from pyrender.platforms import egl
 
@@ -60,7 +60,7 @@ def headless_context() -> Any:
         platform = egl.EGLPlatform(1, 1, device=device)
         try:
             platform.init_context()
-        except Exception as error:  # a GPU that is listed but closed to us: the next device may do
+        except Exception as error:  # a GPU that is listed but not permitted: try the next device
             reasons.append(f"{device.name}: {type(error).__name__}")
         else:
             return platform
