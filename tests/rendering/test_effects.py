@@ -12,7 +12,7 @@ from rendezvous.rendering.appearance.colour import (
     srgb_from_linear,
 )
 from rendezvous.rendering.effects import (
-    NO_EFFECTS,
+    CameraEffects,
     apply_effects,
     draw_effects,
     motion_kernel,
@@ -55,7 +55,7 @@ def _centroid_px(image, u_px, v_px):
 )
 def test_effects_leave_things_where_they_are(changed):
     u_px, v_px = 81.3, 58.6
-    seen = apply_effects(_blob(u_px, v_px), replace(NO_EFFECTS, **changed))
+    seen = apply_effects(_blob(u_px, v_px), CameraEffects(**changed))
     assert np.abs(_centroid_px(seen, u_px, v_px) - (u_px, v_px)).max() < 0.1
 
 
@@ -64,7 +64,7 @@ def test_the_centroid_sees_a_shift_of_a_fifth_of_a_pixel():
 
 
 def test_equal_seeds_give_equal_noise_and_others_do_not():
-    noisy = replace(NO_EFFECTS, shot_noise=0.03, noise_seed=1)
+    noisy = CameraEffects(shot_noise=0.03, noise_seed=1)
     first, again = apply_effects(_blob(80, 60), noisy), apply_effects(_blob(80, 60), noisy)
     other = apply_effects(_blob(80, 60), replace(noisy, noise_seed=2))
     assert np.array_equal(first, again)
@@ -88,7 +88,7 @@ def test_drawn_effects_can_be_applied_and_written_as_json():
 
 
 def test_noise_has_the_variance_that_it_claims():
-    grey, chroma = sensor_noise(replace(NO_EFFECTS, noise_seed=3), 400, 500)
+    grey, chroma = sensor_noise(CameraEffects(noise_seed=3), 400, 500)
     draws = np.array([normal_of(word) for word in grey.ravel()[:100000]])
     assert grey.shape == (400, 500)
     assert chroma.shape == (200, 250, 2)
@@ -97,7 +97,7 @@ def test_noise_has_the_variance_that_it_claims():
 
 
 def test_darkness_has_read_noise_only_and_light_has_more():
-    noisy = replace(NO_EFFECTS, shot_noise=0.05, noise_seed=4)
+    noisy = CameraEffects(shot_noise=0.05, noise_seed=4)
     dark = apply_effects(np.zeros(SHAPE, np.uint8), noisy)
     light = apply_effects(np.full(SHAPE, 120, np.uint8), noisy)
     assert dark.std() == 0.0
@@ -105,14 +105,14 @@ def test_darkness_has_read_noise_only_and_light_has_more():
 
 
 def test_automatic_exposure_brings_dim_and_bright_scenes_together():
-    dim, bright = (apply_effects(np.full(SHAPE, v, np.uint8), NO_EFFECTS).mean() for v in (80, 190))
+    dim, bright = (apply_effects(np.full(SHAPE, v, np.uint8), CameraEffects()).mean() for v in (80, 190))
     assert bright == pytest.approx(dim, abs=3.0)
 
 
 def test_a_stop_doubles_the_light():
     grey = np.full(SHAPE, 100, np.uint8)
     one, two = (
-        linear_from_srgb(apply_effects(grey, replace(NO_EFFECTS, exposure_ev=ev)) / 255.0).mean()
+        linear_from_srgb(apply_effects(grey, CameraEffects(exposure_ev=ev)) / 255.0).mean()
         for ev in (0.0, 1.0)
     )
     assert two == pytest.approx(2.0 * one, rel=0.03)
@@ -121,20 +121,20 @@ def test_a_stop_doubles_the_light():
 def test_light_that_is_taken_for_white_comes_out_grey():
     coded = srgb_from_linear(0.2 * blackbody_rgb(3500.0) / blackbody_rgb(6504.0))
     lit = np.broadcast_to(np.round(255.0 * coded).astype(np.uint8), SHAPE)
-    balanced = apply_effects(np.ascontiguousarray(lit), replace(NO_EFFECTS, balance_k=3500.0))
+    balanced = apply_effects(np.ascontiguousarray(lit), CameraEffects(balance_k=3500.0))
     assert np.ptp(balanced.mean(axis=(0, 1))) < 4.0
     assert np.ptp(lit.mean(axis=(0, 1))) > 40.0
 
 
 def test_corners_are_darker_by_the_share_lost():
     grey = np.full(SHAPE, 120, np.uint8)
-    seen = linear_from_srgb(apply_effects(grey, replace(NO_EFFECTS, vignetting=0.4)) / 255.0)
+    seen = linear_from_srgb(apply_effects(grey, CameraEffects(vignetting=0.4)) / 255.0)
     assert seen[0, 0, 0] / seen[60, 80, 0] == pytest.approx(0.6, abs=0.02)
 
 
 @pytest.mark.parametrize("angle_rad", [0.0, 0.7, 1.9, 3.0])
 def test_motion_blur_spreads_along_its_direction_and_weighs_one(angle_rad):
-    kernel = motion_kernel(replace(NO_EFFECTS, motion_blur_px=6.0, motion_blur_rad=angle_rad))
+    kernel = motion_kernel(CameraEffects(motion_blur_px=6.0, motion_blur_rad=angle_rad))
     radius = kernel.shape[0] // 2
     v, u = np.mgrid[-radius : radius + 1, -radius : radius + 1]
     along = np.average((u * np.cos(angle_rad) + v * np.sin(angle_rad)) ** 2, weights=kernel)
@@ -160,4 +160,4 @@ def test_the_transfer_curve_and_its_inverse_agree():
 
 def test_negative_noise_is_refused():
     with pytest.raises(PipelineError, match=r"shot noise -0\.1"):
-        replace(NO_EFFECTS, shot_noise=-0.1)
+        CameraEffects(shot_noise=-0.1)

@@ -1,6 +1,6 @@
-"""What a camera does to the light it gets: blur, exposure, white balance, noise, compression.
+"""A camera's effects on a picture: blur, exposure, white balance, noise, compression.
 
-All of it leaves things where they are in the image, so labels stay true.
+None of them moves anything in the image, so labels stay valid.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ Words = NDArray[np.uint32]
 
 WHITE_K = 6504.0
 METERED = 0.24
-"""Mean linear brightness that the automatic exposure aims at."""
+"""Mean linear brightness targeted by the automatic exposure."""
 MAX_GAIN = 3.0
 """The automatic exposure changes brightness by at most this factor, up or down."""
 CODES = 4096
-"""Steps of linear light that the sensor tells apart before its output is coded as sRGB."""
+"""Levels of linear light that the sensor distinguishes before its output is coded as sRGB."""
 
 _LINEAR: Floats = linear_from_srgb(np.arange(256) / 255.0).astype(np.float32)
 _CODED: Image = np.round(255.0 * srgb_from_linear(np.arange(CODES) / (CODES - 1.0))).astype(np.uint8)
@@ -33,34 +33,34 @@ _CODED: Image = np.round(255.0 * srgb_from_linear(np.arange(CODES) / (CODES - 1.
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CameraEffects:
-    """What is done to one image.
+    """Effects on one image; by default automatic exposure alone.
 
     Attributes:
-        exposure_ev: stops by which the image is brighter than the automatic exposure would have it.
+        exposure_ev: stops by which the image is brighter than automatic exposure would make it.
         balance_k: temperature of the light that the camera takes for white [K].
-        saturation: 0 grey, 1 as it is.
+        saturation: 0 for grey, 1 for unchanged.
         contrast: slope of the tone curve about middle grey.
-        vignetting: share of light that is lost in the image's corners.
-        shot_noise: standard deviation of the noise of full brightness, of 1; it grows with the root of light.
-        read_noise: standard deviation of the noise of darkness, of 1.
-        motion_blur_px, motion_blur_rad: length and direction of the path of a point while exposed.
+        vignetting: share of light lost in the image's corners.
+        shot_noise: standard deviation of noise at full brightness 1; grows with the root of the light.
+        read_noise: standard deviation of noise in darkness, on the same scale.
+        motion_blur_px, motion_blur_rad: length and direction of a point's path during exposure.
         defocus_px: standard deviation of the blur of a point.
         jpeg_quality: 1 to 100; None for no compression.
-        noise_seed: of the noise's own stream.
+        noise_seed: seed of the noise's own stream.
     """
 
-    exposure_ev: float
-    balance_k: float
-    saturation: float
-    contrast: float
-    vignetting: float
-    shot_noise: float
-    read_noise: float
-    motion_blur_px: float
-    motion_blur_rad: float
-    defocus_px: float
-    jpeg_quality: int | None
-    noise_seed: int
+    exposure_ev: float = 0.0
+    balance_k: float = WHITE_K
+    saturation: float = 1.0
+    contrast: float = 1.0
+    vignetting: float = 0.0
+    shot_noise: float = 0.0
+    read_noise: float = 0.0
+    motion_blur_px: float = 0.0
+    motion_blur_rad: float = 0.0
+    defocus_px: float = 0.0
+    jpeg_quality: int | None = None
+    noise_seed: int = 0
 
     def __post_init__(self) -> None:
         if not (
@@ -72,43 +72,26 @@ class CameraEffects:
             )
 
 
-NO_EFFECTS = CameraEffects(
-    exposure_ev=0.0,
-    balance_k=WHITE_K,
-    saturation=1.0,
-    contrast=1.0,
-    vignetting=0.0,
-    shot_noise=0.0,
-    read_noise=0.0,
-    motion_blur_px=0.0,
-    motion_blur_rad=0.0,
-    defocus_px=0.0,
-    jpeg_quality=None,
-    noise_seed=0,
-)
-"""Automatic exposure only."""
-
-
 def draw_effects(rng: np.random.Generator, *, light_k: float) -> CameraEffects:
     """A camera's settings and flaws.
 
     Args:
         rng: draws them.
-        light_k: temperature of the light in the scene [K], which the white balance follows imperfectly.
+        light_k: temperature of the light in the scene [K]; white balance follows it imperfectly.
     """
-    # Normal about the light's, in mired (1e6 / K), where equal steps look equal; half way to daylight.
+    # Normal in mired (1e6 / K), where equal steps look equal, about a mean between the light and daylight.
     mired = 0.6 * 1e6 / light_k + 0.4 * 1e6 / WHITE_K + rng.normal(0.0, 14.0)
     return CameraEffects(
         exposure_ev=float(np.clip(rng.normal(0.0, 0.45), -1.3, 1.3)),
         balance_k=1e6 / float(np.clip(mired, 90.0, 400.0)),
         saturation=float(rng.uniform(0.7, 1.2)),
         contrast=float(rng.uniform(0.85, 1.2)),
-        # Zero for a third, else uniform.
+        # Zero for a third of images, otherwise uniform.
         vignetting=_some(rng, 0.67, 0.05, 0.4),
         # Log-uniform: sensors and gains differ by factors.
         shot_noise=float(np.exp(rng.uniform(np.log(0.004), np.log(0.05)))),
         read_noise=float(np.exp(rng.uniform(np.log(0.0005), np.log(0.012)))),
-        # Both blurs are zero for most images, else uniform.
+        # Both blurs are zero for most images, otherwise uniform.
         motion_blur_px=_some(rng, 0.35, 1.0, 7.0),
         motion_blur_rad=float(rng.uniform(0.0, np.pi)),
         defocus_px=_some(rng, 0.4, 0.3, 1.4),
@@ -118,13 +101,13 @@ def draw_effects(rng: np.random.Generator, *, light_k: float) -> CameraEffects:
 
 
 def _some(rng: np.random.Generator, share: float, low: float, high: float) -> float:
-    """Uniform for this share of draws, else 0."""
+    """Uniform for this share of draws, otherwise 0."""
     value = float(rng.uniform(low, high))
     return value if rng.random() < share else 0.0
 
 
 def apply_effects(rgb: Image, effects: CameraEffects) -> Image:
-    """The image (H, W, 3) uint8, sRGB, as the camera gives it; same size and dtype."""
+    """The sRGB image (H, W, 3) uint8 as the camera delivers it; same size and dtype."""
     linear = cv2.LUT(rgb, _LINEAR)
     if effects.motion_blur_px > 0.0:
         linear = cv2.filter2D(linear, -1, motion_kernel(effects), borderType=cv2.BORDER_REPLICATE)
@@ -146,50 +129,47 @@ def apply_effects(rgb: Image, effects: CameraEffects) -> Image:
 
 
 def exposure_gain(linear: Floats, effects: CameraEffects) -> float:
-    """Factor on linear light (H, W, 3) by the automatic exposure, with the drawn error."""
-    # Every fourth pixel either way will do for a mean.
+    """Factor on linear light (H, W, 3): automatic exposure and its drawn error."""
+    # For a mean, every fourth pixel in each direction is enough.
     mean = float(linear[::4, ::4].mean())
     return float(np.clip(METERED / max(mean, 1e-4), 1.0 / MAX_GAIN, MAX_GAIN)) * 2.0**effects.exposure_ev
 
 
 def motion_kernel(effects: CameraEffects) -> Floats:
-    """(N, N) of sum 1, N odd, point-symmetric about its middle so that nothing moves."""
+    """(N, N) kernel of sum 1, N odd, point-symmetric so that nothing moves."""
     direction = np.array([np.cos(effects.motion_blur_rad), np.sin(effects.motion_blur_rad)])
     reach_px = 0.5 * effects.motion_blur_px * direction
     radius = int(np.ceil(np.abs(reach_px).max()))
     v, u = np.mgrid[-radius : radius + 1, -radius : radius + 1]
     path = np.linspace(-1.0, 1.0, 15)[:, None, None]
     squared = (u - path * reach_px[0]) ** 2 + (v - path * reach_px[1]) ** 2
-    # Some width, so that a slanted path leaves no gaps.
+    # A little wide, so that a slanted path has no gaps.
     kernel = np.exp(-0.5 * squared / 0.4**2).sum(axis=0)
     return (kernel / kernel.sum()).astype(np.float32)
 
 
 def tone_curve(contrast: float) -> Image:
-    """(CODES,) sRGB code of each step of linear light, the slope about middle grey changed."""
+    """(CODES,) sRGB code of each level of linear light, with contrast changed about middle grey."""
     coded = 128.0 + contrast * (_CODED.astype(np.float64) - 128.0)
     return np.clip(np.round(coded), 0.0, 255.0).astype(np.uint8)
 
 
 def sensor_noise(effects: CameraEffects, height_px: int, width_px: int) -> tuple[Words, Words]:
-    """Random words, each a draw of noise: (H, W) of brightness; (H/2, W/2, 2) of red and blue.
+    """Random words, each one draw of noise: (H, W) for brightness, (H/2, W/2, 2) for red and blue.
 
-    Colour comes at half the resolution, as after demosaicing.
+    Colour noise has half the resolution, as after demosaicing.
     """
     rng = np.random.Generator(np.random.SFC64(effects.noise_seed))
+    brightness = rng.integers(2**32, size=(height_px, width_px), dtype=np.uint32)
     half = ((height_px + 1) // 2, (width_px + 1) // 2, 2)
-    return _words(rng, (height_px, width_px)), _words(rng, half)
-
-
-def _words(rng: np.random.Generator, shape: tuple[int, ...]) -> Words:
-    return rng.integers(2**32, size=shape, dtype=np.uint32)
+    return brightness, rng.integers(2**32, size=half, dtype=np.uint32)
 
 
 @njit(inline="always")
 def normal_of(word: np.uint32) -> np.float32:
-    """About a standard normal draw, within 3.45: the sum of a random word's four bytes.
+    """A roughly standard normal draw within 3.45: the sum of a random word's four bytes.
 
-    A fifth of the time that exact normal draws take; no picture shows the missing tails.
+    Takes a fifth of the time of exact normal draws; the missing tails do not show in pictures.
     """
     total = (word & 255) + ((word >> 8) & 255) + ((word >> 16) & 255) + ((word >> 24) & 255)
     return (np.float32(total) - np.float32(510.0)) * np.float32(1.0 / 147.8)
@@ -215,7 +195,7 @@ def _exposed(
     saturation: float,
     curve: Image,
 ) -> Image:
-    """One pass over the pixels (H, W, 3): gain, fall-off, noise, saturation, coding."""
+    """One pass over the pixels (H, W, 3): gain, vignetting, noise, saturation, coding."""
     height, width, _ = linear.shape
     out = np.empty((height, width, 3), np.uint8)
     centre_v, centre_u = np.float32(0.5 * (height - 1)), np.float32(0.5 * (width - 1))

@@ -1,4 +1,4 @@
-"""Light as a camera sees it: sRGB's transfer curve, and the colour of hot bodies."""
+"""Colour science: sRGB's transfer curve, and the colour of black bodies."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _RGB_OF_XYZ: Array = np.array(
     [[3.2406, -1.5372, -0.4986], [-0.9689, 1.8758, 0.0415], [0.0557, -0.2040, 1.0570]]
 )
 LUMINANCE: Array = np.array([0.2126, 0.7152, 0.0722])
-"""Share of linear red, green and blue in brightness."""
+"""Weights of linear red, green and blue in luminance."""
 
 
 def linear_from_srgb(coded: Array) -> Array:
@@ -25,7 +25,7 @@ def srgb_from_linear(linear: Array) -> Array:
 
 
 def blackbody_rgb(temperature_k: float) -> Array:
-    """(3,) linear sRGB of unit luminance of a black body of 1667 to 25000 K; 6504 K is about white.
+    """(3,) linear sRGB, of luminance 1, of a black body at 1667 to 25000 K; 6504 K is about white.
 
     Source: Kim et al., US patent 7024034: cubic splines of the Planckian locus.
     """

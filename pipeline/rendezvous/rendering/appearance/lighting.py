@@ -1,4 +1,4 @@
-"""Lamps of rooms, drawn at random. Brightness 1 is what makes a white wall white in a picture."""
+"""Lamps of rooms, drawn at random. At brightness 1, a white wall is just white in a picture."""
 
 from __future__ import annotations
 
@@ -7,28 +7,25 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rendezvous.geometry.cuboid import Vec3
 from rendezvous.geometry.se2 import Array
 from rendezvous.rendering.appearance.colour import blackbody_rgb
 from rendezvous.rendering.scene import Light, LightKind, Rgb
 
-Vec3 = tuple[float, float, float]
-
-"""Share of images in which a lamp throws shadows."""
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Lamp:
-    """A lamp as it was drawn.
+    """A lamp as drawn.
 
     Attributes:
         kind: directional, spot or point.
-        xyz_m: where it is, in w.
+        xyz_m: position in w.
         aim: unit vector along which it shines.
-        temperature_k: of its light.
-        brightness: of a white surface that it shines on squarely: anywhere for a directional lamp, at
+        temperature_k: colour temperature.
+        brightness: brightness of a white surface lit straight on: anywhere for a directional lamp, at
             `reach_m` for the others.
-        reach_m: distance to what it is there to light; 1 for a directional lamp.
-        casts_shadow: whether it throws shadows.
+        reach_m: distance to what it is meant to light; 1 for a directional lamp.
+        casts_shadow: whether it casts shadows.
         cone_rad: half angle of a spot's cone.
     """
 
@@ -42,7 +39,7 @@ class Lamp:
     cone_rad: float = 1.0
 
     def light(self) -> Light:
-        """It as scenes have it."""
+        """The lamp as a light of a scene."""
         T_w = np.eye(4)
         T_w[:3, :3] = _rotation_shining(np.array(self.aim))
         T_w[:3, 3] = self.xyz_m
@@ -51,7 +48,7 @@ class Lamp:
         return Light(
             kind=self.kind,
             T_w=T_w,
-            colour_rgb=_rgb(colour / top),
+            colour_rgb=_triple(colour / top),
             intensity=math.pi * self.brightness * self.reach_m**2 * top,
             casts_shadow=self.casts_shadow,
             cone_rad=self.cone_rad,
@@ -60,30 +57,30 @@ class Lamp:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Lighting:
-    """All light of a scene: lamps, and what walls and sky throw back from everywhere."""
+    """All light of a scene: lamps, and the ambient light from walls and sky."""
 
     lamps: tuple[Lamp, ...]
     ambient_rgb: Rgb
 
     def temperature_k(self) -> float:
-        """Of all light together: mean of the lamps', by brightness, in mired."""
+        """Overall colour temperature: mean over the lamps in mired, weighted by brightness."""
         weights = [lamp.brightness for lamp in self.lamps]
         mired = np.average([1e6 / lamp.temperature_k for lamp in self.lamps], weights=weights)
         return 1e6 / float(mired)
 
 
 def room_lighting(rng: np.random.Generator, *, places_m: Array, ceiling_m: float, shadow: bool) -> Lighting:
-    """One to three lamps under the ceiling, and for a third of rooms the sun.
+    """One to three lamps under the ceiling, and the sun in a third of rooms.
 
     Args:
         rng: draws them.
-        places_m: (N, 2) floor of the room that the picture is of, in random order; lamps hang above it.
+        places_m: (N, 2) points on the room's floor, in random order; lamps hang above the first.
         ceiling_m: height of the ceiling.
-        shadow: whether the first of them throws shadows.
+        shadow: whether the first lamp casts shadows.
     """
-    # Uniform in mired: 2700 to 6500 K; lamps of one room differ little.
+    # Uniform in mired, from 2700 to 6500 K; lamps of one room differ little.
     mired = rng.uniform(154.0, 370.0)
-    # Log-uniform: the rooms of a house differ by more than a factor of two.
+    # Log-uniform: rooms of one house differ by more than a factor of two.
     brightness = math.exp(rng.uniform(math.log(0.35), math.log(1.1)))
     sun = rng.random() < 0.33
     count = int(rng.choice([1, 2, 3], p=[0.4, 0.4, 0.2]))
@@ -98,11 +95,11 @@ def room_lighting(rng: np.random.Generator, *, places_m: Array, ceiling_m: float
         lamps.insert(0, _sun(rng, brightness * rng.uniform(0.4, 1.0), shadow=shadow))
     ambient = brightness * rng.uniform(0.25, 0.7)
     colour = blackbody_rgb(1e6 / mired) ** 0.6
-    return Lighting(lamps=tuple(lamps), ambient_rgb=_rgb(ambient * colour / colour.max()))
+    return Lighting(lamps=tuple(lamps), ambient_rgb=_triple(ambient * colour / colour.max()))
 
 
 def free_lighting(rng: np.random.Generator, *, target_m: Array, shadow: bool) -> Lighting:
-    """One to four lamps of any kind around a point (3,), from above more often than from below."""
+    """One to four lamps of any kind around a point (3,), more often above it than below."""
     brightness = math.exp(rng.uniform(math.log(0.35), math.log(1.4)))
     count = int(rng.integers(1, 5))
     share = rng.dirichlet(np.full(count, 2.0))
@@ -110,18 +107,18 @@ def free_lighting(rng: np.random.Generator, *, target_m: Array, shadow: bool) ->
         _lamp_around(rng, target_m, brightness * share[i], shadow=shadow and i == 0) for i in range(count)
     ]
     ambient = brightness * rng.uniform(0.15, 0.7) * rng.uniform(0.75, 1.0, size=3)
-    return Lighting(lamps=tuple(lamps), ambient_rgb=_rgb(ambient))
+    return Lighting(lamps=tuple(lamps), ambient_rgb=_triple(ambient))
 
 
 def _ceiling_lamp(
     rng: np.random.Generator, xy_m: Array, mired: float, brightness: float, ceiling_m: float, *, shadow: bool
 ) -> Lamp:
-    """A bulb, or, if it is to throw shadows, a wide spot; heights uniform, temperature normal."""
+    """A bulb, or a wide spot if it is to cast shadows; height uniform, temperature normal in mired."""
     z_m = ceiling_m - rng.uniform(0.1, 0.6)
     lean = rng.normal(0.0, 0.12, size=2)
     return Lamp(
         kind=LightKind.SPOT if shadow else LightKind.POINT,
-        xyz_m=(float(xy_m[0]), float(xy_m[1]), z_m),
+        xyz_m=_triple(np.array([*xy_m, z_m])),
         aim=_unit(np.array([*lean, -1.0])),
         temperature_k=1e6 / float(np.clip(mired + rng.normal(0.0, 8.0), 100.0, 450.0)),
         brightness=brightness,
@@ -132,15 +129,14 @@ def _ceiling_lamp(
 
 
 def _sun(rng: np.random.Generator, brightness: float, *, shadow: bool) -> Lamp:
-    """Parallel light from any side, 25 to 65 degrees high: uniform."""
+    """Parallel light: azimuth uniform, elevation uniform from 25 to 65 degrees."""
     azimuth_rad, height_rad = rng.uniform(-math.pi, math.pi), rng.uniform(0.44, 1.13)
     flat = math.cos(height_rad)
+    aim = np.array([flat * math.cos(azimuth_rad), flat * math.sin(azimuth_rad), -math.sin(height_rad)])
     return Lamp(
         kind=LightKind.DIRECTIONAL,
         xyz_m=(0.0, 0.0, 0.0),
-        aim=_unit(
-            np.array([flat * math.cos(azimuth_rad), flat * math.sin(azimuth_rad), -math.sin(height_rad)])
-        ),
+        aim=_unit(aim),
         temperature_k=rng.uniform(4800.0, 7000.0),
         brightness=brightness,
         reach_m=1.0,
@@ -149,17 +145,16 @@ def _sun(rng: np.random.Generator, brightness: float, *, shadow: bool) -> Lamp:
 
 
 def _lamp_around(rng: np.random.Generator, target_m: Array, brightness: float, *, shadow: bool) -> Lamp:
-    """Direction uniform on the sphere, two of three lamps from below turned up; temperature in mired."""
+    """Direction uniform on the sphere, two in three moved to the upper half; temperature uniform in mired."""
     away = np.array(_unit(rng.normal(size=3)))
     if rng.random() < 0.66:
         away[2] = abs(away[2])
     kinds = (LightKind.DIRECTIONAL, LightKind.SPOT) if shadow else tuple(LightKind)
     kind = kinds[rng.integers(len(kinds))]
     reach_m = rng.uniform(1.0, 3.5)
-    x_m, y_m, z_m = (target_m + reach_m * away).tolist()
     return Lamp(
         kind=kind,
-        xyz_m=(x_m, y_m, z_m),
+        xyz_m=_triple(target_m + reach_m * away),
         aim=_unit(-away),
         temperature_k=1e6 / rng.uniform(110.0, 420.0),
         brightness=brightness,
@@ -170,13 +165,12 @@ def _lamp_around(rng: np.random.Generator, target_m: Array, brightness: float, *
 
 
 def _unit(vector: Array) -> Vec3:
-    x, y, z = (vector / np.linalg.norm(vector)).tolist()
-    return x, y, z
+    return _triple(vector / np.linalg.norm(vector))
 
 
-def _rgb(colour: Array) -> Rgb:
-    red, green, blue = colour.tolist()
-    return red, green, blue
+def _triple(values: Array) -> tuple[float, float, float]:
+    a, b, c = values.tolist()
+    return a, b, c
 
 
 def _rotation_shining(aim: Array) -> Array:

@@ -1,4 +1,4 @@
-"""Periodic noise: what makes procedural surfaces uneven. An image of it tiles without a seam."""
+"""Periodic noise, which makes procedural surfaces uneven and tiles without a seam."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ def smooth_noise(
     Args:
         rng: draws the noise.
         size_px: side S, even.
-        length_px: down and across, the size of the largest features.
-        slope: how fast features smaller than that fade; 2 looks like clouds, 6 is smooth, 0 is white.
+        length_px: size of the largest features, down and across.
+        slope: how fast smaller features fade; 0 is white noise, 2 looks like clouds, 6 is smooth.
     """
     f_v = np.fft.fftfreq(size_px)[:, None] * length_px[0]
     f_u = np.fft.rfftfreq(size_px)[None, :] * length_px[1]
@@ -30,6 +30,6 @@ def smooth_noise(
 
 
 def relief(height: Field, strength: float) -> Field:
-    """(S, S) brightness around 1 of a surface of this height (S, S), lit from the upper left."""
+    """(S, S) brightness, about 1, of a surface with heights (S, S), lit from the upper left."""
     slope = 2.0 * height - np.roll(height, 1, axis=0) - np.roll(height, 1, axis=1)
     return np.clip(1.0 + np.float32(strength) * slope, 0.0, 2.0)

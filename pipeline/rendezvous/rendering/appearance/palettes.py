@@ -1,4 +1,4 @@
-"""Colours that things in rooms have, sRGB."""
+"""sRGB colours of things in rooms."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ BINDINGS: Palette = (
 
 
 def pick_colour(rng: np.random.Generator, palette: Palette) -> Field:
-    """(3,) a colour of the palette, uniform; brightness normal with 7 %, each channel with 1.5 % more."""
+    """(3,) uniform from the palette; brightness normal with 7 %, each channel with another 1.5 %."""
     colour = np.array(palette[rng.integers(len(palette))], np.float32) / 255.0
     scale = rng.normal(1.0, 0.07) * rng.normal(1.0, 0.015, size=3)
     return np.clip(colour * scale.astype(np.float32), 0.02, 0.98)

@@ -1,4 +1,4 @@
-"""What surfaces look like: makers of seamless textures, (S, S, 3) float32, sRGB in [0, 1].
+"""Makers of seamless textures of surfaces: (S, S, 3) float32, sRGB in [0, 1].
 
 Legend: v grows down, u across, both [px]; a colour is (3,) float32.
 """
@@ -24,7 +24,7 @@ def _grey(value: Field) -> Field:
 
 
 def _grain(rng: np.random.Generator, size_px: int) -> Field:
-    """(S, S) around 0: wood's fibres along u, and the broad flames of its rings."""
+    """(S, S) about 0: fibres of wood along u, and the broad pattern of its rings."""
     fibres = smooth_noise(rng, size_px, (3.0, 160.0), slope=2.5)
     waves = smooth_noise(rng, size_px, (60.0, 400.0), slope=4.0)
     v, _ = _axes(size_px)
@@ -36,11 +36,11 @@ def _grain(rng: np.random.Generator, size_px: int) -> Field:
 def _pieces_of_wood(
     rng: np.random.Generator, grain: Field, piece: NDArray[np.int64], tilted: NDArray[np.bool_]
 ) -> Field:
-    """(S, S, 3): every piece (S, S) cut elsewhere from the same wood, across where tilted."""
+    """(S, S, 3): each piece, by its number (S, S), cut elsewhere from the same wood, across where tilted."""
     size_px = len(piece)
     v, u = _axes(size_px)
     count = int(piece.max()) + 1
-    # Uniform places of the cut; tones normal with 9 %.
+    # Positions of the cuts are uniform, tones normal with 9 %.
     cut = rng.integers(size_px, size=(count, 2))[piece]
     along, across = np.where(tilted, v, u), np.where(tilted, u, v)
     fibre = grain[(across + cut[..., 0]) % size_px, (along + cut[..., 1]) % size_px]
@@ -52,12 +52,12 @@ def _pieces_of_wood(
 
 
 def _edges_of(piece: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """(S, S): pixels whose right or lower neighbour, across the seam too, belongs to another piece."""
+    """(S, S): pixels whose left or upper neighbour, across the seam too, belongs to another piece."""
     return (piece != np.roll(piece, 1, axis=0)) | (piece != np.roll(piece, 1, axis=1))
 
 
 def planks(rng: np.random.Generator, size_px: int) -> Field:
-    """Boards side by side, their joints anywhere; half of the rows have two joints."""
+    """Boards side by side with joints anywhere; half of the rows have two joints."""
     rows = int(rng.choice([4, 5, 6, 8]))
     v, u = _axes(size_px)
     row = v * rows // size_px
@@ -81,7 +81,7 @@ def parquet(rng: np.random.Generator, size_px: int) -> Field:
 
 
 def plain_wood(rng: np.random.Generator, size_px: int) -> Field:
-    """One board: veneer of furniture."""
+    """A single board: veneer of furniture."""
     piece = np.zeros((size_px, size_px), np.int64)
     return _pieces_of_wood(rng, _grain(rng, size_px), piece, np.zeros_like(piece, np.bool_))
 
@@ -89,7 +89,7 @@ def plain_wood(rng: np.random.Generator, size_px: int) -> Field:
 def _laid(
     rng: np.random.Generator, size_px: int, rows: int, cols: int, joint_px: int, *, running: bool
 ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """Which brick or tile a pixel is of (S, S), and whether it is joint; running: rows are staggered."""
+    """(S, S) brick or tile of each pixel, and whether it is a joint; running: rows are staggered."""
     v, u = _axes(size_px)
     row = v * rows // size_px
     shift = (row % 2) * (size_px // (2 * cols)) if running else np.zeros_like(row)
@@ -107,7 +107,7 @@ def _surface(
     mottle: float,
     depth: float,
 ) -> Field:
-    """Tiles or bricks (S, S, 3) with joints a little lower than they are, all unevenly coloured."""
+    """Unevenly coloured tiles or bricks (S, S, 3) with slightly recessed joints."""
     size_px = len(colour)
     cloud = 1.0 + mottle * smooth_noise(rng, size_px, (40.0, 40.0), slope=2.2)[..., None]
     speckle = 1.0 + 0.5 * mottle * smooth_noise(rng, size_px, (2.0, 2.0), slope=1.0)[..., None]
@@ -172,14 +172,14 @@ def concrete(rng: np.random.Generator, size_px: int) -> Field:
 
 
 def plaster(rng: np.random.Generator, size_px: int) -> Field:
-    """Neutral: rough render, its grains seen by their shadows."""
+    """Neutral: rough render whose grains show by their shading."""
     height = smooth_noise(rng, size_px, (9.0, 9.0), slope=2.6)
     stain = smooth_noise(rng, size_px, (250.0, 250.0), slope=3.0)
     return _grey((0.86 * relief(height, rng.uniform(0.05, 0.12)) + 0.02 * stain).astype(np.float32))
 
 
 def paint(rng: np.random.Generator, size_px: int) -> Field:
-    """Neutral: a painted wall, all but even, with the roller's faint texture."""
+    """Neutral: an almost even painted wall with the roller's faint texture."""
     height = smooth_noise(rng, size_px, (6.0, 4.0), slope=3.0)
     shade = smooth_noise(rng, size_px, (300.0, 300.0), slope=3.5)
     return _grey((0.92 * relief(height, 0.02) + 0.012 * shade).astype(np.float32))
@@ -206,7 +206,7 @@ def terrazzo(rng: np.random.Generator, size_px: int) -> Field:
 
 
 def cardboard(rng: np.random.Generator, size_px: int) -> Field:
-    """Brown board: fibres, the flutes beneath, a strip of tape."""
+    """Brown board: fibres, the flutes underneath, a strip of tape."""
     v, u = _axes(size_px)
     fibre = smooth_noise(rng, size_px, (3.0, 12.0), slope=1.8)
     dirt = smooth_noise(rng, size_px, (150.0, 150.0), slope=2.5)
@@ -231,12 +231,12 @@ def stripes(rng: np.random.Generator, size_px: int) -> Field:
 
 
 def ornament(rng: np.random.Generator, size_px: int) -> Field:
-    """Rugs and old wallpaper: a figure of few colours, mirrored both ways and repeated."""
+    """Rugs and old wallpaper: a figure in four colours, mirrored both ways and repeated."""
     half = size_px // 8
     figure = smooth_noise(rng, half, (half / 2.5, half / 2.5), slope=4.0)
     figure = np.block([[figure, figure[:, ::-1]], [figure[::-1], figure[::-1, ::-1]]])
     level = np.digitize(np.tile(figure, (4, 4)), [-0.8, -0.2, 0.5])
-    # Each pulled half way to one ground colour, so that the four belong together.
+    # Each is mixed with one ground colour, so that the four match.
     ground = pick_colour(rng, STONES + BRICKS)
     colours = np.stack([0.5 * ground + 0.5 * pick_colour(rng, BINDINGS) for _ in range(4)])
     pile = 1.0 + 0.05 * smooth_noise(rng, size_px, (2.0, 2.0), slope=1.0)

@@ -1,7 +1,7 @@
-"""Seamless procedural textures that look like the materials of rooms.
+"""Seamless procedural textures of the materials in rooms.
 
-A texture is (S, S, 3) uint8, sRGB; it repeats without a seam in both directions. `KINDS` names what can be
-made; a pool holds some draws of each, keyed `kind-000`, `kind-001`, ...
+A texture is (S, S, 3) uint8, sRGB, and tiles in both directions. `KINDS` lists what can be made; a pool holds
+several variants of each kind, keyed `kind-000`, `kind-001`, ...
 """
 
 from __future__ import annotations
@@ -10,13 +10,10 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rendezvous.geometry.camera import Image
 from rendezvous.rendering.appearance import surfaces
 from rendezvous.rendering.appearance.noise import Field
-
-Texture = NDArray[np.uint8]
-Maker = Callable[[np.random.Generator, int], Field]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -24,33 +21,30 @@ class TextureKind:
     """How textures of a kind are made, and how much surface one covers.
 
     Attributes:
-        make: gives (S, S, 3) sRGB in [0, 1] from an rng and the side S [px].
-        side_m: least and largest side of the square that one repeat covers.
+        make: makes (S, S, 3) sRGB in [0, 1] from an rng and the side S [px].
+        side_m: smallest and largest side of the square that one repeat covers.
         neutral: whether it is light grey, to be tinted by a material's colour.
     """
 
-    make: Maker
+    make: Callable[[np.random.Generator, int], Field]
     side_m: tuple[float, float]
     neutral: bool = False
 
 
 def texture_key(kind: str, variant: int) -> str:
-    """Name of a texture in a pool."""
+    """Key of a texture in a pool."""
     return f"{kind}-{variant:03d}"
 
 
-def texture_pool(rng: np.random.Generator, *, variants: int, size_px: int = 512) -> Mapping[str, Texture]:
-    """Some textures of every kind, by key; each has a stream of its own, spawned in the order of `KINDS`."""
+def texture_pool(rng: np.random.Generator, *, variants: int, size_px: int = 512) -> Mapping[str, Image]:
+    """Textures of every kind by key; each has its own stream, spawned in the order of `KINDS`."""
     streams = iter(rng.spawn(len(KINDS) * variants))
-    return {
-        texture_key(name, variant): _bytes(kind.make(next(streams), size_px))
-        for name, kind in KINDS.items()
-        for variant in range(variants)
-    }
-
-
-def _bytes(colour: Field) -> Texture:
-    return np.clip(colour * 255.0 + 0.5, 0.0, 255.0).astype(np.uint8)
+    pool = {}
+    for name, kind in KINDS.items():
+        for variant in range(variants):
+            colour = kind.make(next(streams), size_px)
+            pool[texture_key(name, variant)] = np.clip(colour * 255.0 + 0.5, 0.0, 255.0).astype(np.uint8)
+    return pool
 
 
 KINDS: Mapping[str, TextureKind] = {

@@ -1,7 +1,7 @@
-"""The programs that run for every vertex and pixel.
+"""GLSL sources of the passes.
 
-All passes share one table of instances, a row of `ROW_TEXELS` texels each: three rows of T_w, then colour
-and metallic, then roughness, layer of the texture array (-1: none), side of one repeat [m], id.
+All passes read one table of instances with a row of `ROW_TEXELS` texels each: three rows of T_w; colour and
+metallic; roughness, layer of the texture array (-1 for none), side of one repeat [m] and id.
 """
 
 from rendezvous.rendering.scene import MAX_LIGHTS, MAX_SHADOWS
@@ -9,7 +9,7 @@ from rendezvous.rendering.scene import MAX_LIGHTS, MAX_SHADOWS
 ROW_TEXELS = 5
 SHADOW_PX = 1024
 EDGE_SAMPLES = 2
-"""Across and down a pixel of an edge, against jags."""
+"""Samples across and down a pixel on an edge, against aliasing."""
 
 _HEADER = "#version 330 core\n"
 
@@ -18,7 +18,7 @@ layout(location = 0) in vec3 position;
 uniform samplerBuffer instances;
 uniform int first_row;
 uniform mat4 T_clip_w;
-invariant gl_Position;  // so that passes agree on what is nearest, to the last bit
+invariant gl_Position;  // passes must agree to the last bit on what is nearest
 
 vec4 texel(int i) {{ return texelFetch(instances, {ROW_TEXELS} * (first_row + gl_InstanceID) + i); }}
 
@@ -65,7 +65,7 @@ void main() {{
     vec3 size = vec3(length(R_S[0]), length(R_S[1]), length(R_S[2]));
     normal_w = R_S * (normal / (size * size));
     vec4 last = texel(4);
-    // Without UVs of its own a mesh is papered along its axes, however stretched.
+    // A mesh without UVs is textured along its axes, at a scale that stretching does not change.
     texture_p = own_uv ? vec3(uv, 0.0) : position * size / last.z;
     texture_normal = own_uv ? vec3(0.0, 0.0, 1.0) : normal;
     colour_metallic = texel(3);
@@ -90,7 +90,7 @@ uniform sampler2DShadow shadow_1;
 uniform mat4 T_shadow_w[{MAX_SHADOWS}];
 uniform vec3 camera_w;
 uniform vec3 ambient;
-uniform vec4 contact;  // where the robot stands, and its radius [m]; 0 for none
+uniform vec4 contact;  // where the robot stands and its radius [m]; 0 for no robot
 uniform int light_count;
 uniform vec4 light_place[{MAX_LIGHTS}];      // position; w = 0 for a directional light
 uniform vec4 light_direction[{MAX_LIGHTS}];  // from the light; w = cosine of the cone, -1 for none
@@ -98,13 +98,13 @@ uniform vec4 light_colour[{MAX_LIGHTS}];     // with the intensity
 layout(location = 0) out vec4 pixel;
 
 vec3 texture_colour(float layer) {{
-    // The gradients are those of the continuous position, or a line would show where the axes change.
+    // Gradients of the continuous position: otherwise a line would show where the axes change.
     vec3 dx = dFdx(texture_p), dy = dFdy(texture_p), along = abs(texture_normal);
     vec2 at = texture_p.xy, at_dx = dx.xy, at_dy = dy.xy;
     if (along.x > along.y && along.x > along.z) {{ at = texture_p.yz; at_dx = dx.yz; at_dy = dy.yz; }}
     else if (along.y > along.z) {{ at = texture_p.xz; at_dx = dx.xz; at_dy = dy.xz; }}
-    // On a floor seen from low above, the coarser direction would blur the other away. True anisotropic
-    // filtering takes a picture from 90 to 156 ms on the CPU.
+    // On a floor at a grazing angle, the coarser direction would blur the other. True anisotropic filtering
+    // would raise the time of a picture from 90 to 156 ms on the CPU.
     float a = dot(at_dx, at_dx) + 1e-12, b = dot(at_dy, at_dy) + 1e-12;
     at_dx *= min(1.0, STRETCH * sqrt(b / a));
     at_dy *= min(1.0, STRETCH * sqrt(a / b));
@@ -112,7 +112,7 @@ vec3 texture_colour(float layer) {{
 }}
 
 float lit(sampler2DShadow map, mat4 T_map_w, vec3 n) {{
-    // Looked up a little off the surface, so that it does not shade itself.
+    // Looked up slightly off the surface, so that it does not shadow itself.
     vec4 h = T_map_w * vec4(p_w + 0.006 * n, 1.0);
     vec3 at = 0.5 * h.xyz / h.w + 0.5;
     if (any(lessThan(at, vec3(0.0))) || any(greaterThan(at, vec3(1.0)))) return 1.0;
@@ -152,7 +152,7 @@ vec3 light(int i, vec3 n, vec3 v, vec3 matt, vec3 f0, float alpha) {{
     return falloff * light_colour[i].rgb * reflected(n, v, l, matt, f0, alpha);
 }}
 
-// How much of the light from all around reaches the ground under the robot: without it, it seems to float.
+// Share of the ambient light that reaches the ground under the robot: without it, the robot seems to float.
 float open_sky(vec3 n) {{
     vec3 off = abs(p_w - contact.xyz) / max(contact.w, 1e-6);
     float under = (1.0 - smoothstep(0.5, 1.3, length(off.xy))) * (1.0 - smoothstep(0.0, 0.1, off.z));
@@ -169,7 +169,7 @@ void main() {{
     vec3 f0 = mix(vec3(0.04), base, metallic);
     vec3 n = normalize(normal_w);
     vec3 v = normalize(camera_w - p_w);
-    // Light from everywhere, some more of it from above; metal shows it as a mirror image.
+    // Ambient light, a little stronger from above; metal mirrors it.
     vec3 sum = ambient * (matt * (0.8 + 0.2 * n.z) + f0 * (0.7 + 0.3 * reflect(-v, n).z));
     for (int i = SHADOWS; i < light_count; i++) sum += light(i, n, v, matt, f0, alpha);
     sum *= open_sky(n);
@@ -189,9 +189,9 @@ void main() {{ if (texelFetch(mask, ivec2(gl_FragCoord.xy) / {EDGE_SAMPLES}, 0).
 
 
 def surface_fragment(*, shadows: int) -> str:
-    """The program for lights of which the first `shadows` throw some.
+    """The surface shader for lights of which the first `shadows` cast shadows.
 
-    One each, because on the CPU the code for shadows takes its time for lights that have none, too.
+    One shader for each number: on the CPU, code for shadows costs time even for lights without any.
     """
     lit = "\n    ".join(
         f"sum += lit(shadow_{i}, T_shadow_w[{i}], n) * light({i}, n, v, matt, f0, alpha);"
