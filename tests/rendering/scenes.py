@@ -17,6 +17,7 @@ CAMERA = PinholeCamera(fx_px=210.0, fy_px=205.0, cx_px=100.5, cy_px=71.0, width_
 
 WHITE = Material(base_colour_rgb=(1.0, 1.0, 1.0), roughness=1.0)
 GREY = Material(base_colour_rgb=(0.3, 0.3, 0.3), roughness=1.0)
+PLASTIC = Material(base_colour_rgb=(0.5, 0.5, 0.5))
 CHECKED = Material(base_colour_rgb=(1.0, 1.0, 1.0), roughness=1.0, texture="checks", texture_scale_m=0.25)
 
 
@@ -123,7 +124,7 @@ def crowded_scene(rng: np.random.Generator, *, camera: PinholeCamera = CAMERA, b
     spot = Light(kind=LightKind.SPOT, T_w=T_w_spot, intensity=6.0, casts_shadow=True)
     return scene_of(
         placed("quad", (0.0, 0.0, 0.0), size_m=(20.0, 20.0, 1.0), name="floor", material=CHECKED),
-        placed("robot", (1.0, 0.05, 0.0), name="r1", material=None),
+        placed("robot", (1.0, 0.05, 0.0), name="r1", material=PLASTIC),
         *things,
         camera=camera,
         lights=(spot, sun(towards=(0.3, 0.1, -1.0), intensity=1.5, casts_shadow=True)),

@@ -13,7 +13,7 @@ from rendezvous.geometry.camera import camera_pose, se3_from_se2
 from rendezvous.geometry.se2 import SE2
 from rendezvous.rendering.appearance.textures import KINDS, texture_key
 from rendezvous.rendering.draws import PoseDraws
-from rendezvous.rendering.plan_scene import plan_meshes
+from rendezvous.rendering.plan_scene import draw_room_looks, plan_meshes
 from rendezvous.rendering.randomise import (
     ROBOT,
     RobotLooks,
@@ -22,7 +22,6 @@ from rendezvous.rendering.randomise import (
     robot_looks,
     room_scene,
 )
-from rendezvous.rendering.room_looks import draw_room_looks
 from rendezvous.rendering.scene import Material
 from rendezvous.rendering.thing_meshes import thing_meshes
 from rendezvous.rendering.viewpoints import draw_robot_poses, furnished_plan

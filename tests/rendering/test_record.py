@@ -35,5 +35,5 @@ def test_records_arrays_and_enums_become_plain():
 
 
 def test_what_json_has_no_form_for_is_refused():
-    with pytest.raises(TypeError, match="complex has no form in JSON"):
+    with pytest.raises(TypeError, match="complex has no JSON form"):
         plain([1j])

@@ -1,4 +1,4 @@
-"""What stands far behind a scene that is in no room: pictures of rooms out of focus, or one's own photos."""
+"""Backgrounds of scenes that are not in a room: procedural rooms out of focus, or the user's photos."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from rendezvous.rendering.appearance.noise import Field
 from rendezvous.rendering.record import JsonValue
 
 SHARPEST_PX, SOFTEST_PX = 1.2, 9.0
-"""Standard deviations of the blur of what is out of focus."""
+"""Range of the blur's standard deviation."""
 
 
 def photo_background(rng: np.random.Generator, photo: Image, *, width_px: int, height_px: int) -> Image:
-    """A cut of a photo (H, W, 3), scaled to the size; place and share uniform, mirrored half the time."""
+    """A crop of a photo (H, W, 3), scaled to the size; position and scale uniform, mirrored half the time."""
     height, width = photo.shape[:2]
     widest = min(width / width_px, height / height_px)
     scale = widest * rng.uniform(0.6, 1.0)
@@ -35,14 +35,8 @@ def photo_background(rng: np.random.Generator, photo: Image, *, width_px: int, h
 def room_background(
     rng: np.random.Generator, textures: Mapping[str, Image], *, width_px: int, height_px: int
 ) -> Image:
-    """A wall, a floor, and things before the wall, in perspective and out of focus.
-
-    Args:
-        rng: draws all of it.
-        textures: by key; patches of which surfaces are cut.
-        width_px, height_px: size.
-    """
-    # Painted at half the size: all of it is blurred.
+    """A wall, a floor and things in front of the wall, out of focus, painted with textures of the pool."""
+    # Painted at half the size, since all of it is blurred.
     width, height = width_px // 2, height_px // 2
     surfaces = list(textures.values())
     grounds = [image for key, image in textures.items() if not key.startswith("books")]
@@ -55,7 +49,7 @@ def room_background(
     image *= _daylight(rng, width, height)[..., None]
     # Mean brightness uniform.
     image *= np.float32(rng.uniform(0.25, 0.6) / max(float(image.mean()), 0.05))
-    # Log-uniform: from just soft to no more than colours.
+    # Log-uniform, from slightly soft to mere patches of colour.
     sigma_px = float(np.exp(rng.uniform(np.log(SHARPEST_PX), np.log(SOFTEST_PX))))
     soft = cv2.GaussianBlur(image, (0, 0), 0.5 * sigma_px)
     coded = np.clip(255.0 * soft, 0.0, 255.0).astype(np.uint8)
@@ -70,7 +64,7 @@ def draw_background(
     width_px: int,
     height_px: int,
 ) -> tuple[Image, Mapping[str, JsonValue]]:
-    """A background, and what makes it again: the index of the photo, if there are any, and a seed."""
+    """A background and its record: the index of the photo, if there are any, and the seed of its draws."""
     seed = int(rng.integers(2**31))
     own = np.random.default_rng(seed)
     if photos:
@@ -88,7 +82,7 @@ def _tint(linear: tuple[float, float, float]) -> Field:
 def _patch(
     rng: np.random.Generator, textures: Sequence[Image], width_px: int, height_px: int, *, deep: bool
 ) -> Field:
-    """(H, W, 3) in [0, 1] of a texture; deep: receding to the upper edge."""
+    """(H, W, 3) in [0, 1]: a patch of a texture; deep: receding towards the upper edge."""
     texture = textures[int(rng.integers(len(textures)))]
     v, u = np.mgrid[:height_px, :width_px].astype(np.float32)
     zoom = np.float32(rng.uniform(1.2, 4.0))
@@ -103,7 +97,7 @@ def _patch(
 
 
 def _add_object(rng: np.random.Generator, image: Field, textures: Sequence[Image], horizon: int) -> None:
-    """Paints a cupboard, window, picture or lamp in place: a box or ellipse of one material."""
+    """Paint a cupboard, window, picture or lamp into the image: a rectangle or ellipse of one material."""
     height_px, width_px = image.shape[:2]
     wide, high = int(width_px * rng.uniform(0.05, 0.4)), int(height_px * rng.uniform(0.08, 0.6))
     left = int(rng.integers(-wide // 2, width_px - wide // 2))
@@ -125,7 +119,7 @@ def _add_object(rng: np.random.Generator, image: Field, textures: Sequence[Image
 
 
 def _daylight(rng: np.random.Generator, width_px: int, height_px: int) -> Field:
-    """(H, W): brighter about one point, as by a lamp or window."""
+    """(H, W) brightness that falls off from a point, like a lamp or window."""
     v, u = np.mgrid[:height_px, :width_px].astype(np.float32)
     at_u, at_v = rng.uniform(0.0, width_px), rng.uniform(-0.3, 0.6) * height_px
     away = np.hypot(u - at_u, v - at_v) / width_px

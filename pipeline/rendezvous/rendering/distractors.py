@@ -1,6 +1,6 @@
 """Small things that lie about in rooms, drawn at random in true size, and places for them on the floor.
 
-Frame t: on the floor in the middle of the thing, z up.
+Frame t: on the floor at the centre of the thing, z up.
 """
 
 from __future__ import annotations
@@ -23,13 +23,7 @@ from rendezvous.rendering.thing_meshes import CABLES
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ThingPart:
-    """A mesh of the pool in the thing's frame.
-
-    Attributes:
-        mesh: key into the mesh pool.
-        T_t: (4, 4) pose, which scales the mesh.
-        material: its material.
-    """
+    """A mesh of the pool (by key) in the thing's frame: `T_t` is its (4, 4) pose, which scales it."""
 
     mesh: str
     T_t: Array
@@ -41,10 +35,10 @@ class Thing:
     """A small thing.
 
     Attributes:
-        kind: what it is.
-        parts: what it consists of.
-        radius_m: of the circle around the frame's origin that holds it.
-        height_m: of its top.
+        kind: key into `THINGS`.
+        parts: its parts.
+        radius_m: radius of the circle about the frame's origin that contains it.
+        height_m: height of its top.
     """
 
     kind: str
@@ -53,18 +47,19 @@ class Thing:
     height_m: float
 
     def instances(self, T_w_t: Array, *, name: str) -> tuple[Instance, ...]:
-        """It at a pose (4, 4), its parts named `name/0`, `name/1`, ..."""
+        """Its parts at a pose (4, 4), named `name/0`, `name/1`, ..."""
         return tuple(
             Instance(name=f"{name}/{i}", mesh=part.mesh, T_w=T_w_t @ part.T_t, material=part.material)
             for i, part in enumerate(self.parts)
         )
 
 
-Maker = Callable[[np.random.Generator, int], Thing]
+ThingDraw = Callable[[np.random.Generator, int], Thing]
+"""Draws a thing; the int is the texture pool's number of variants of each kind."""
 
 
 def _sized(x_m: float, y_m: float, z_m: float, *, up_m: float = 0.0, yaw_rad: float = 0.0) -> Array:
-    """A unit mesh scaled to these sides, turned about z, raised."""
+    """Pose that scales a unit mesh to these sides, turns it about z and raises it."""
     T_t = se3_from_se2(SE2(0.0, 0.0, yaw_rad))
     T_t[:3, :3] *= (x_m, y_m, z_m)
     T_t[2, 3] = up_m
@@ -81,7 +76,7 @@ def _block(
     yaw_rad: float = 0.0,
     aside_m: float = 0.0,
 ) -> ThingPart:
-    """A box of these sides, its bottom at `up_m`, moved along its own y axis."""
+    """A box with these sides and its bottom at `up_m`, shifted along its own y axis."""
     T_t = _sized(x_m, y_m, z_m, up_m=up_m + 0.5 * z_m, yaw_rad=yaw_rad)
     T_t[:2, 3] = -math.sin(yaw_rad) * aside_m, math.cos(yaw_rad) * aside_m
     return ThingPart(mesh=BOX, T_t=T_t, material=material)
@@ -89,8 +84,8 @@ def _block(
 
 def _round(
     kind: str, diameter_m: tuple[float, float], height_m: tuple[float, float], draws: tuple[Draw, ...]
-) -> Maker:
-    """A thing of one turned mesh; sizes uniform, the material one of the draws."""
+) -> ThingDraw:
+    """Draws things of one turned mesh; sizes uniform, the material by one of the draws."""
 
     def make(rng: np.random.Generator, variants: int) -> Thing:
         d_m, h_m = rng.uniform(*diameter_m), rng.uniform(*height_m)
@@ -102,7 +97,7 @@ def _round(
 
 
 def _carton(rng: np.random.Generator, variants: int) -> Thing:
-    """A box of cardboard, or a crate."""
+    """A cardboard box or a crate."""
     x_m, y_m, z_m = rng.uniform(0.08, 0.38), rng.uniform(0.08, 0.3), rng.uniform(0.05, 0.3)
     draw = materials.cardboard if rng.random() < 0.7 else materials.anything_material
     part = _block(x_m, y_m, z_m, draw(rng, variants))
@@ -110,7 +105,7 @@ def _carton(rng: np.random.Generator, variants: int) -> Thing:
 
 
 def _book_pile(rng: np.random.Generator, variants: int) -> Thing:
-    """One to five books, each turned a little: covers, pages, back."""
+    """One to five books, each turned a little: covers, pages and spine."""
     parts: list[ThingPart] = []
     up_m = reach_m = 0.0
     paper = Material(base_colour_rgb=materials.linear_rgb((0.9, 0.87, 0.8)), roughness=0.95)
@@ -130,7 +125,7 @@ def _book_pile(rng: np.random.Generator, variants: int) -> Thing:
 
 
 def _cup(rng: np.random.Generator, variants: int) -> Thing:
-    """A mug with its handle."""
+    """A mug with a handle."""
     d_m, h_m = rng.uniform(0.07, 0.1), rng.uniform(0.08, 0.12)
     material = (materials.ceramic if rng.random() < 0.4 else materials.plastic)(rng, variants)
     T_t = _sized(d_m, d_m, h_m)
@@ -139,7 +134,7 @@ def _cup(rng: np.random.Generator, variants: int) -> Thing:
 
 
 def _can(rng: np.random.Generator, variants: int) -> Thing:
-    """A tin, or a paint bucket."""
+    """A tin or a paint bucket."""
     d_m = rng.uniform(0.06, 0.22)
     h_m = d_m * rng.uniform(0.9, 1.9)
     material = (materials.metal if rng.random() < 0.5 else materials.plastic)(rng, variants)
@@ -148,7 +143,7 @@ def _can(rng: np.random.Generator, variants: int) -> Thing:
 
 
 def _shoes(rng: np.random.Generator, variants: int) -> Thing:
-    """A pair, not quite side by side, on dark soles."""
+    """A pair of shoes, not quite side by side, with soles."""
     length_m, upper = rng.uniform(0.2, 0.31), materials.anything_material(rng, variants)
     sole = Material(base_colour_rgb=materials.linear_rgb(np.full(3, rng.uniform(0.1, 0.9))), roughness=0.9)
     parts: list[ThingPart] = []
@@ -166,7 +161,7 @@ def _shoes(rng: np.random.Generator, variants: int) -> Thing:
 
 
 def _pot_plant(rng: np.random.Generator, variants: int) -> Thing:
-    """Leaves in a pot with earth."""
+    """Leaves in a pot with soil."""
     d_m, pot_m, leaves_m = rng.uniform(0.09, 0.26), rng.uniform(0.08, 0.24), rng.uniform(0.15, 0.5)
     spread_m = rng.uniform(0.8, 1.4) * leaves_m
     draw = (materials.plastic, materials.ceramic, materials.painted)[rng.integers(3)]
@@ -186,7 +181,7 @@ def _pot_plant(rng: np.random.Generator, variants: int) -> Thing:
 
 
 def _cable(rng: np.random.Generator, variants: int) -> Thing:
-    """A cable in a loose coil, black, white or coloured."""
+    """A loosely coiled cable: black, white, grey or coloured."""
     scale = rng.uniform(0.5, 1.2)
     value = rng.choice([0.08, 0.9, 0.5])
     material = (
@@ -200,21 +195,21 @@ def _cable(rng: np.random.Generator, variants: int) -> Thing:
 
 
 def _bag(rng: np.random.Generator, variants: int) -> Thing:
-    """A backpack or bag on the floor."""
+    """A backpack or a bag."""
     x_m, y_m, z_m = rng.uniform(0.22, 0.4), rng.uniform(0.14, 0.25), rng.uniform(0.2, 0.42)
     part = ThingPart(mesh="thing/bag", T_t=_sized(x_m, y_m, z_m), material=materials.fabric(rng, variants))
     return Thing(kind="bag", parts=(part,), radius_m=0.5 * math.hypot(x_m, y_m), height_m=z_m)
 
 
 def _ball(rng: np.random.Generator, variants: int) -> Thing:
-    """From a tennis ball to a football."""
+    """A ball, from a tennis ball to a football."""
     d_m = rng.uniform(0.06, 0.24)
     material = (materials.plastic if rng.random() < 0.7 else materials.fabric)(rng, variants)
     part = ThingPart(mesh="thing/ball", T_t=_sized(d_m, d_m, d_m), material=material)
     return Thing(kind="ball", parts=(part,), radius_m=0.5 * d_m, height_m=d_m)
 
 
-THINGS: Mapping[str, Maker] = {
+THINGS: Mapping[str, ThingDraw] = {
     "carton": _carton,
     "books": _book_pile,
     "cup": _cup,
@@ -234,7 +229,7 @@ THINGS: Mapping[str, Maker] = {
 
 
 def draw_thing(rng: np.random.Generator, *, variants: int) -> Thing:
-    """Any of `THINGS`, uniform."""
+    """A thing of uniformly drawn kind."""
     return list(THINGS.values())[rng.integers(len(THINGS))](rng, variants)
 
 
@@ -246,14 +241,14 @@ def place_on_floor(
     xy_m: Array,
     taken: Sequence[tuple[float, float, float]],
 ) -> SE2 | None:
-    """The first of the places offered where the thing touches nothing; its heading is uniform.
+    """Pose at the first place where the thing touches nothing, with uniform heading; None if there is none.
 
     Args:
         rng: draws the heading.
-        thing: what to put down.
+        thing: the thing to place.
         free: floor without walls and furniture [m].
         xy_m: (N, 2) places to try.
-        taken: x, y, radius [m] of what else stands there.
+        taken: x, y, radius [m] of circles already occupied.
     """
     yaw_rad = float(rng.uniform(-math.pi, math.pi))
     far = np.ones(len(xy_m), np.bool_)

@@ -1,4 +1,4 @@
-"""What training images are drawn from: shares and ranges."""
+"""Shares and ranges from which training images are drawn."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ class PoseDraws:
     """How training images are drawn.
 
     Attributes:
-        plausible_share: of images, on the floor of a furnished room; the others are freely randomised.
-        absent_share: of images, without the robot.
-        occluded_share: of images, with a thing put before the robot.
-        shadow_share: of images, with a lamp that throws shadows.
-        min_range_m, max_range_m: distance from the camera to the middle of the robot's cuboid.
+        plausible_share: share of images on the floor of a furnished room; the others are fully randomised.
+        absent_share: share of images without the robot.
+        occluded_share: share of images with an object placed in front of the robot.
+        shadow_share: share of images with a lamp that casts shadows.
+        min_range_m, max_range_m: distance from the camera to the centre of the robot's cuboid.
     """
 
     plausible_share: float = 0.5

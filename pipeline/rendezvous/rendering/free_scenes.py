@@ -1,6 +1,6 @@
-"""Scenes that need not be plausible: the robot at any pose before any background, as DOPE's authors mix in.
+"""Random scenes that need not be plausible: the robot in any pose on any background, as in DOPE's training.
 
-The camera looks along the x axis of w from 1 m above its origin; the robot and small things hang in the air.
+The camera looks along the x axis of w from 1 m above its origin; the robot and small things float in the air.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ def draw_free(
     variants: int,
     photos: Sequence[Image] = (),
 ) -> Drawn:
-    """The robot at any pose, half the time on a ground, with things around it.
+    """The robot in any pose, half the time on a ground, with things around it.
 
     Args:
         rng: draws everything.
@@ -54,8 +54,8 @@ def draw_free(
         camera: intrinsics.
         textures: the texture pool.
         draws: shares and ranges.
-        variants: textures of each kind in it.
-        photos: (H, W, 3) uint8 to stand behind the scene; procedural rooms if there are none.
+        variants: number of textures of each kind in the pool.
+        photos: (H, W, 3) uint8 for the background; procedural rooms if there are none.
     """
     absent = bool(rng.random() < draws.absent_share)
     T_w_r1 = draw_pose(rng, looks.spec, camera, draws)
@@ -65,7 +65,7 @@ def draw_free(
     ground = _draw_ground(rng, T_w_r1, variants=variants)
     lighting = free_lighting(rng, target_m=centre_w, shadow=bool(rng.random() < draws.shadow_share))
     worn = looks.worn(rng, extent=1.5)
-    # The background was taken in white light.
+    # The background was lit in white.
     effects = draw_effects(rng, light_k=WHITE_K)
     size = {"width_px": camera.width_px, "height_px": camera.height_px}
     background, background_record = draw_background(rng, textures, photos, **size)
@@ -83,10 +83,10 @@ def draw_free(
 
 
 def draw_pose(rng: np.random.Generator, seen: RobotSpec, camera: PinholeCamera, draws: PoseDraws) -> Array:
-    """(4, 4) `T_w_r1`: distance and pixel uniform, the latter also a little outside the image.
+    """(4, 4) `T_w_r1`: distance uniform, pixel uniform over the image and a margin around it.
 
-    Any heading; the camera looks down on three in four by up to 55 degrees and rolls by about 8, the others
-    are turned in any way (uniform on SO(3)).
+    Three in four have any heading, seen from up to 55 degrees above with a roll of about 8; the others are
+    rotated uniformly on SO(3).
     """
     range_m = rng.uniform(draws.min_range_m, draws.max_range_m)
     margin_px = 0.35 * camera.fx_px * seen.size_m[1] / range_m
@@ -105,14 +105,14 @@ def draw_pose(rng: np.random.Generator, seen: RobotSpec, camera: PinholeCamera, 
 
 
 def _at(camera: PinholeCamera, u_px: float, v_px: float, range_m: float) -> Array:
-    """(3,) [m] in w: what is this far away at this pixel."""
+    """(3,) [m] point in w at this pixel and distance."""
     ray_c = np.array([(u_px - camera.cx_px) / camera.fx_px, (v_px - camera.cy_px) / camera.fy_px, 1.0])
     place: Array = T_W_C[:3, :3] @ (range_m * ray_c / np.linalg.norm(ray_c)) + T_W_C[:3, 3]
     return place
 
 
 def _any_rotation(rng: np.random.Generator) -> Array:
-    """(3, 3) uniform on SO(3): a unit quaternion of normal draws."""
+    """(3, 3) rotation uniform on SO(3), by a unit quaternion of normal draws."""
     w, x, y, z = (q := rng.normal(size=4)) / np.linalg.norm(q)
     return np.array(
         [
@@ -124,14 +124,14 @@ def _any_rotation(rng: np.random.Generator) -> Array:
 
 
 def _across(rng: np.random.Generator, along: Array) -> Array:
-    """(3,) unit vector square to another one, uniform."""
+    """(3,) unit vector perpendicular to another, uniform."""
     across = np.cross(along, rng.normal(size=3))
     unit: Array = across / np.linalg.norm(across)
     return unit
 
 
 def _draw_ground(rng: np.random.Generator, T_w_r1: Array, *, variants: int) -> tuple[Instance, ...]:
-    """Half the time, a square under the wheels, 1 to 6 m wide, uniform; seen from above only."""
+    """Half the time a square under the wheels, 1 to 6 m wide, uniform; invisible from below."""
     if rng.random() >= GROUND_SHARE:
         return ()
     side_m, material = rng.uniform(1.0, 6.0), materials.any_texture_material(rng, variants)
@@ -152,7 +152,7 @@ def _things_around(
     occluded: bool,
     variants: int,
 ) -> tuple[PlacedThing, ...]:
-    """Up to seven anywhere in view; occluded: and one before the robot, at its side."""
+    """Up to seven things anywhere in view; occluded: and one in front of the robot's edge."""
     eye_w = T_W_C[:3, 3]
     robot_m = 0.5 * float(np.linalg.norm(seen.cuboid.size_m))
     count = int(rng.integers(MAX_THINGS + 1))
@@ -162,7 +162,7 @@ def _things_around(
         reach_m = math.hypot(thing.radius_m, 0.5 * thing.height_m)
         if i == 0 and occluded:
             share = rng.uniform(0.45, 0.8)
-            # Uniform; so far aside that some of the robot is left to see.
+            # Uniform; far enough to the side to leave part of the robot in view.
             aside_m = reach_m + rng.uniform(-0.9, 0.5) * share * robot_m
             at_w = eye_w + share * (centre_w - eye_w) + aside_m * _across(rng, centre_w - eye_w)
         else:

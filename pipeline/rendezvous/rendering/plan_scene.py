@@ -1,9 +1,9 @@
-"""A furnished floor plan as instances of four meshes of unit size: no plan needs meshes of its own."""
+"""A furnished floor plan as instances of four unit meshes, and the materials that it is made of."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import trimesh
@@ -11,34 +11,34 @@ import trimesh
 from rendezvous.floorplan.records import Floorplan, Shape, Solid
 from rendezvous.floorplan.walls import wall_boxes
 from rendezvous.geometry.camera import se3_from_se2
+from rendezvous.rendering.appearance import materials
 from rendezvous.rendering.scene import Instance, Material, MeshPool
+from rendezvous.rendering.viewpoints import FurnishedPlan
 
 BOX, CYLINDER, QUAD, WALL = "box", "cylinder", "quad", "wall"
 CYLINDER_SECTIONS = 32
 MARGIN_M = 1.0
+ACCENT_SHARE = 1.0 / 7.0
+"""Share of walls that differ from the others."""
+LEAVES_HEIGHT = 0.88
+"""Height of the unit mesh of leaves."""
 
 MaterialOf = Callable[[str, int], Material]
-"""Material of a category ("floor", "ceiling", "wall", "table", ...) and a part of it.
+"""Material of a part of a category ("floor", "ceiling", "wall", "table", ...).
 
-The part is, for a wall, the number of its face; for furniture, the index of the solid; else 0.
+The part is the face's number for a wall, the solid's index for furniture, and 0 otherwise.
 """
 
 
 def plan_meshes() -> MeshPool:
-    """Box, cylinder, upward quad and wall with sides of 1 m around the origin.
-
-    Without UVs: the renderer papers them along their axes, at a scale that stretching does not change.
-    """
+    """Box, cylinder, upward quad and wall with sides of 1 m about the origin, without UVs."""
     return {BOX: (_unit_box(),), CYLINDER: (_unit_cylinder(),), QUAD: (_unit_quad(),), WALL: (_unit_wall(),)}
 
 
 def plan_instances(
     floorplan: Floorplan, furniture: Sequence[Solid], *, wall_height_m: float, material_of: MaterialOf
 ) -> tuple[Instance, ...]:
-    """Floor, ceiling, walls and furniture of a plan.
-
-    The ceiling shows from below only and lets light through from above.
-    """
+    """Floor, ceiling, walls and furniture; from above, the ceiling is invisible and lets light in."""
     walls = wall_boxes(floorplan, height_m=wall_height_m)
     return (
         _level("floor", floorplan, 0.0, material_of("floor", 0), facing=1.0),
@@ -68,11 +68,11 @@ def solid_instance(solid: Solid, *, name: str, material: Material) -> Instance:
 
 
 def _level(name: str, floorplan: Floorplan, z_m: float, material: Material, *, facing: float) -> Instance:
-    """A quad under or over the whole plan; walls hide what of it lies outside."""
+    """A quad below or above the whole plan; walls hide the part outside."""
     low = floorplan.outline_m.min(axis=0) - MARGIN_M
     high = floorplan.outline_m.max(axis=0) + MARGIN_M
     size_x_m, size_y_m = high - low
-    # Turned about x to face down, so that it stays a rotation.
+    # To face down it is turned about x, which keeps it a rotation.
     T_w = np.diag([size_x_m, facing * size_y_m, facing, 1.0])
     T_w[:3, 3] = *(0.5 * (low + high)), z_m
     return Instance(name=name, mesh=QUAD, T_w=T_w, material=material)
@@ -85,15 +85,15 @@ def _unit_quad() -> trimesh.Trimesh:
 
 def _unit_box() -> trimesh.Trimesh:
     box = trimesh.creation.box([1.0, 1.0, 1.0])
-    box.unmerge_vertices()  # sharp edges: each face with normals of its own
+    box.unmerge_vertices()  # separate normals for each face: sharp edges
     return box
 
 
 def _unit_wall() -> trimesh.Trimesh:
-    """A box whose sides and back shrink away from its front, +y, where the free space is.
+    """A box that tapers from its front, +y, where the free space is.
 
-    The ends of a wall's box lie in the faces of its neighbours, its back may lie in the face beyond: where
-    two surfaces share a plane, both would show in stripes.
+    The ends of a wall's box lie in the faces of its neighbours, and its back may lie in the face behind;
+    surfaces in one plane would show as stripes.
     """
     x, y = np.array([-0.5, 0.5, 0.45, -0.45]), np.array([0.5, 0.5, -0.4, -0.4])
     corners = np.concatenate([np.column_stack([x, y, np.full(4, z)]) for z in (-0.5, 0.5)])
@@ -103,6 +103,73 @@ def _unit_wall() -> trimesh.Trimesh:
 
 
 def _unit_cylinder() -> trimesh.Trimesh:
-    """Of diameter 1 m and height 1 m, smooth around, with flat ends."""
+    """A cylinder of diameter and height 1 m with smooth sides and flat ends."""
     cylinder = trimesh.creation.cylinder(0.5, height=1.0, sections=CYLINDER_SECTIONS)
     return trimesh.graph.smooth_shade(cylinder, angle=np.radians(30.0))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RoomLooks:
+    """Materials of a furnished plan, drawn once per episode so that its pictures agree.
+
+    Attributes:
+        floor, ceiling, wall, accent: their materials.
+        accent_faces: indices of the walls with the accent's material.
+        pieces: materials of each piece of furniture, by its index; see `materials.piece_materials`.
+    """
+
+    floor: Material
+    ceiling: Material
+    wall: Material
+    accent: Material
+    accent_faces: tuple[int, ...]
+    pieces: Mapping[int, tuple[Material, Material]]
+
+    def material_of(self, furniture: Sequence[Solid]) -> MaterialOf:
+        """The materials as `plan_instances` takes them."""
+
+        def of(category: str, part: int) -> Material:
+            match category:
+                case "floor":
+                    return self.floor
+                case "ceiling":
+                    return self.ceiling
+                case "wall":
+                    return self.accent if part in self.accent_faces else self.wall
+            return self.pieces[furniture[part].item][materials.is_second(furniture[part])]
+
+        return of
+
+
+def draw_room_looks(rng: np.random.Generator, place: FurnishedPlan, *, variants: int) -> RoomLooks:
+    """One material for most walls and another for one in seven; furniture by its category."""
+    accents = np.flatnonzero(rng.random(len(place.plan.edges_m())) < ACCENT_SHARE)
+    return RoomLooks(
+        floor=materials.floor_material(rng, variants),
+        ceiling=materials.ceiling_material(rng, variants),
+        wall=materials.wall_material(rng, variants),
+        accent=materials.wall_material(rng, variants),
+        accent_faces=tuple(accents.tolist()),
+        pieces=materials.piece_materials(rng, place.furniture, variants=variants),
+    )
+
+
+def room_instances(place: FurnishedPlan, looks: RoomLooks) -> list[Instance]:
+    """Floor, ceiling, walls and furniture in these materials, plants with leaves."""
+    instances = plan_instances(
+        place.plan,
+        place.furniture,
+        wall_height_m=place.wall_height_m,
+        material_of=looks.material_of(place.furniture),
+    )
+    first = len(instances) - len(place.furniture)
+    pot_tops_m = {s.item: s.z1_m for s in place.furniture if s.category == "plant" and s.z0_m == 0.0}
+    planted = list(instances)
+    for i, solid in enumerate(place.furniture, start=first):
+        # In physics, a plant's leaves are a cylinder above its pot; here they also grow out of it.
+        if solid.category == "plant" and solid.z0_m > 0.0:
+            T_w = instances[i].T_w.copy()
+            T_w[2, 2] = (solid.z1_m - pot_tops_m[solid.item]) / LEAVES_HEIGHT
+            T_w[2, 3] = pot_tops_m[solid.item]
+            planted[i] = replace(instances[i], mesh="thing/leaves", T_w=T_w)
+    return planted

@@ -1,7 +1,7 @@
-"""Scenes drawn at random: the robot in furnished rooms, or anywhere before any background.
+"""Random scenes of the robot in furnished rooms; `free_scenes` draws those that need not be plausible.
 
-`draw_plausible` and `draw_free` give training images, `room_scene` the view of a robot whose pose is known.
-All randomness comes from the rng; everything drawn is in the record.
+`draw_plausible` draws a scene for training, `room_scene` the view of a robot whose pose is known. All
+randomness comes from the rng, and everything drawn is in the record.
 """
 
 from __future__ import annotations
@@ -21,46 +21,46 @@ from rendezvous.rendering.appearance.lighting import Lighting, room_lighting
 from rendezvous.rendering.distractors import Thing, draw_thing, place_on_floor
 from rendezvous.rendering.draws import PoseDraws
 from rendezvous.rendering.effects import CameraEffects, draw_effects
+from rendezvous.rendering.plan_scene import RoomLooks, draw_room_looks, room_instances
 from rendezvous.rendering.record import JsonValue, plain
 from rendezvous.rendering.robot_model import part_material
-from rendezvous.rendering.room_looks import RoomLooks, draw_room_looks, room_instances
 from rendezvous.rendering.scene import Instance, Material, MeshPool, Scene
 from rendezvous.rendering.viewpoints import FurnishedPlan, RobotPoses, draw_robot_poses
 from rendezvous.simulation.robot import Cuboid, RobotSpec
 
 ROBOT = "r1"
-"""Name of the robot that labels are about."""
+"""Name of the labelled robot in scenes."""
 
 VIEW_M = 4.5
-"""How far away small things are still worth drawing."""
+"""Small things farther away than this are not drawn."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RobotLooks:
-    """The robot that labels are about.
+    """The labelled robot.
 
     Attributes:
         spec: its dimensions.
-        parts: the material of each of its parts, as built, by mesh key; meshes are in its frame.
+        parts: material of each part as built, by mesh key; meshes are in the robot's frame.
     """
 
     spec: RobotSpec
     parts: Mapping[str, Material]
 
     def instances(self, T_w_r1: Array, worn: Mapping[str, Material]) -> tuple[Instance, ...]:
-        """Its parts at a pose (4, 4), in these materials."""
+        """Its parts at a pose (4, 4) in these materials."""
         return tuple(
             Instance(name=f"{ROBOT}/{key.rsplit('/', 1)[-1]}", mesh=key, T_w=T_w_r1, material=material)
             for key, material in worn.items()
         )
 
     def worn(self, rng: np.random.Generator, *, extent: float) -> Mapping[str, Material]:
-        """Its materials, each part a little different from how it was built."""
+        """Its materials, each changed a little by wear."""
         return {key: materials.worn(rng, material, extent=extent) for key, material in self.parts.items()}
 
 
 def robot_looks(spec: RobotSpec, parts: Mapping[str, trimesh.Trimesh]) -> tuple[RobotLooks, MeshPool]:
-    """A robot's looks as built and its meshes by key, of its parts by name."""
+    """A robot's looks as built and its meshes by key, from its parts by name."""
     keyed = {f"{spec.name}/{name}": part for name, part in parts.items()}
     as_built = {key: part_material(part) for key, part in keyed.items()}
     return RobotLooks(spec=spec, parts=as_built), {key: (part,) for key, part in keyed.items()}
@@ -79,11 +79,11 @@ class Drawn:
     """A scene to take a picture of.
 
     Attributes:
-        scene: what there is.
-        effects: what its camera does to the picture.
-        T_w_r1: (4, 4) pose of the robot that labels are about; None if it is not there.
-        T_r0_c: (4, 4) pose of the camera on the robot that carries it, where that was drawn, too.
-        record: all that was drawn, as plain JSON.
+        scene: the scene.
+        effects: the camera's effects on the picture.
+        T_w_r1: (4, 4) pose of the labelled robot; None if it is absent.
+        record: everything that was drawn, as plain JSON.
+        T_r0_c: (4, 4) pose of the camera on the robot that carries it, if drawn; otherwise None.
     """
 
     scene: Scene
@@ -93,7 +93,7 @@ class Drawn:
     T_r0_c: Array | None = None
 
     def T_c_o(self, cuboid: Cuboid) -> Array | None:
-        """(4, 4) pose of that robot's cuboid in the camera; None if it is not there."""
+        """(4, 4) pose of the labelled robot's cuboid in the camera; None if it is absent."""
         if self.T_w_r1 is None:
             return None
         T_c_o: Array = np.linalg.inv(self.scene.T_w_c) @ self.T_w_r1 @ cuboid.T_r_o()
@@ -109,7 +109,7 @@ def draw_plausible(
     *,
     variants: int,
 ) -> Drawn:
-    """The robot on the floor of a furnished room, seen by the camera of another robot on that floor.
+    """The robot on the floor of a furnished room, seen by the camera of another robot there.
 
     Args:
         rng: draws everything.
@@ -117,31 +117,31 @@ def draw_plausible(
         looks: the robot that may be seen.
         observer: the robot that carries the camera.
         draws: shares and ranges.
-        variants: textures of each kind in the pool.
+        variants: number of textures of each kind in the pool.
 
     Raises:
         FloorplanError: there is no room for two robots.
     """
     absent = bool(rng.random() < draws.absent_share)
-    meeting = draw_robot_poses(rng, place, observer, looks.spec, draws, absent=absent)
+    poses = draw_robot_poses(rng, place, observer, looks.spec, draws, absent=absent)
     room_looks = draw_room_looks(rng, place, variants=variants)
-    # Normal: a robot stands within 3 mm and 0.7 degrees of how it was built.
+    # Normal: standard deviations of 3 mm and 0.7 degrees from the camera's nominal pose.
     shift_m, roll_rad, pitch_rad = rng.normal(0.0, [0.003, 0.012, 0.012]).tolist()
     T_r0_c = observer.camera.T_r_c() @ camera_tilt(roll_rad, pitch_rad)
     T_r0_c[2, 3] += shift_m
-    occluded = meeting.T_w_r1 is not None and bool(rng.random() < draws.occluded_share)
-    things = _things_on_floor(rng, place, meeting, observer, looks.spec, occluded=occluded, variants=variants)
+    occluded = poses.T_w_r1 is not None and bool(rng.random() < draws.occluded_share)
+    things = _things_on_floor(rng, place, poses, observer, looks.spec, occluded=occluded, variants=variants)
     drawn = room_scene(
         rng, place, room_looks, looks, observer.camera.intrinsics(), looks.worn(rng, extent=1.0), draws,
-        T_w_c=se3_from_se2(meeting.T_w_r0) @ T_r0_c, T_w_r1=meeting.T_w_r1, things=things,
+        T_w_c=se3_from_se2(poses.T_w_r0) @ T_r0_c, T_w_r1=poses.T_w_r1, things=things,
     )  # fmt: skip
     camera = {"height_shift_m": shift_m, "roll_rad": roll_rad, "pitch_rad": pitch_rad}
-    record = {"mode": "plausible", "meeting": plain(meeting), "camera": plain(camera), **drawn.record}
+    record = {"mode": "plausible", "meeting": plain(poses), "camera": plain(camera), **drawn.record}
     return replace(drawn, record=record, T_r0_c=T_r0_c)
 
 
 def camera_tilt(roll_rad: float, pitch_rad: float) -> Array:
-    """(4, 4) turn of a camera in its own axes: pitch lowers its view, roll lowers its right side."""
+    """(4, 4) rotation of a camera in its own axes: pitch lowers its view, roll lowers its right side."""
     level = camera_pose(np.zeros(3), np.zeros(3))
     tilted = camera_pose(np.zeros(3), np.array([roll_rad, pitch_rad, 0.0]))
     turn: Array = np.linalg.inv(level) @ tilted
@@ -161,19 +161,19 @@ def room_scene(
     T_w_r1: SE2 | None,
     things: Sequence[PlacedThing] = (),
 ) -> Drawn:
-    """What a camera in a furnished plan sees; light and the camera's effects are drawn.
+    """The view of a camera in a furnished plan.
 
     Args:
-        rng: draws them.
-        place: where.
-        room_looks: what the plan is made of.
+        rng: draws light and the camera's effects.
+        place: the furnished plan.
+        room_looks: its materials.
         looks: the robot that may be seen.
         camera: intrinsics.
         worn: materials of that robot's parts.
-        draws: share of images with shadows.
+        draws: holds the share of images with shadows.
         T_w_c: (4, 4) pose of the camera.
-        T_w_r1: pose of the robot that may be seen; None if it is not there.
-        things: what lies about.
+        T_w_r1: pose of the robot that may be seen; None if it is absent.
+        things: small things that lie about.
     """
     places_m, shadow = _lamp_places(rng, place, T_w_c), bool(rng.random() < draws.shadow_share)
     lighting = room_lighting(rng, places_m=places_m, ceiling_m=place.wall_height_m, shadow=shadow)
@@ -195,7 +195,7 @@ def lit_scene(
     robot: bool,
     background: Image | None = None,
 ) -> Scene:
-    """Instances under drawn light; robot: whether it is among them."""
+    """The scene of instances under drawn light; robot: whether they include the labelled robot."""
     return Scene(
         camera=camera,
         T_w_c=T_w_c,
@@ -214,7 +214,7 @@ def drawn_record(
     things: Sequence[PlacedThing],
     effects: CameraEffects,
 ) -> dict[str, JsonValue]:
-    """What all modes draw."""
+    """The part of the record that all modes share."""
     return {
         "lighting": plain(lighting),
         "surfaces": plain(surfaces),
@@ -225,7 +225,7 @@ def drawn_record(
 
 
 def thing_instances(things: Sequence[PlacedThing]) -> list[Instance]:
-    """Their parts, named `thing-0-kind/0` and so on."""
+    """Parts of the things, named `thing-0-kind/0` and so on."""
     return [
         instance
         for i, placed in enumerate(things)
@@ -234,9 +234,9 @@ def thing_instances(things: Sequence[PlacedThing]) -> list[Instance]:
 
 
 def _lamp_places(rng: np.random.Generator, place: FurnishedPlan, T_w_c: Array) -> Array:
-    """(3, 2) [m]: floor of the room before the camera, over which lamps may hang; else over the camera."""
+    """(3, 2) [m] places for lamps: in the room that the camera sees, or else above the camera."""
     eye_m = T_w_c[:2, 3]
-    # Uniform in distance and in bearing, up to a right angle from where the camera looks.
+    # Uniform in distance, and in bearing up to a right angle from the camera's view.
     away_m, bearing_rad = rng.uniform(0.3, 3.5, 40), rng.uniform(-0.5 * math.pi, 0.5 * math.pi, 40)
     bearing_rad += math.atan2(T_w_c[1, 2], T_w_c[0, 2])
     places_m = eye_m + away_m[:, None] * np.stack([np.cos(bearing_rad), np.sin(bearing_rad)], axis=1)
@@ -248,21 +248,21 @@ def _lamp_places(rng: np.random.Generator, place: FurnishedPlan, T_w_c: Array) -
 def _things_on_floor(
     rng: np.random.Generator,
     place: FurnishedPlan,
-    meeting: RobotPoses,
+    poses: RobotPoses,
     observer: RobotSpec,
     seen: RobotSpec,
     *,
     occluded: bool,
     variants: int,
 ) -> tuple[PlacedThing, ...]:
-    """A few in view, Poisson with mean 3; occluded: and one before the robot, to hide a part of it."""
-    robots = [(meeting.T_w_r0, observer), (meeting.T_w_r1, seen)]
+    """Things in view, Poisson with mean 3; occluded: and one that hides part of the robot."""
+    robots = [(poses.T_w_r0, observer), (poses.T_w_r1, seen)]
     taken = [(pose.x_m, pose.y_m, spec.radius_m + 0.01) for pose, spec in robots if pose is not None]
     placed: list[PlacedThing] = []
     for i in range(int(rng.poisson(3.0)) + occluded):
         thing = draw_thing(rng, variants=variants)
         hides = i == 0 and occluded
-        xy_m = _before(rng, meeting, thing, seen) if hides else _in_view(rng, meeting, thing)
+        xy_m = _in_front(rng, poses, thing, seen) if hides else _in_view(rng, poses, thing)
         pose = place_on_floor(rng, thing, free=place.floor, xy_m=xy_m, taken=taken)
         if pose is not None:
             taken.append((pose.x_m, pose.y_m, thing.radius_m))
@@ -270,25 +270,25 @@ def _things_on_floor(
     return tuple(placed)
 
 
-def _in_view(rng: np.random.Generator, meeting: RobotPoses, thing: Thing) -> Array:
-    """(N, 2) [m]: distance and bearing uniform, off the line of sight between the robots."""
+def _in_view(rng: np.random.Generator, poses: RobotPoses, thing: Thing) -> Array:
+    """(N, 2) [m] places: distance and bearing uniform, off the line of sight between the robots."""
     away_m, bearing_rad = rng.uniform(0.4, VIEW_M, 16), rng.uniform(-0.55, 0.55, 16)
     p_r0 = away_m[:, None] * np.stack([np.cos(bearing_rad), np.sin(bearing_rad)], axis=1)
-    places_m = meeting.T_w_r0 @ p_r0
-    if meeting.T_w_r1 is None:
+    places_m = poses.T_w_r0 @ p_r0
+    if poses.T_w_r1 is None:
         return places_m
-    ends_m = [pose.as_array()[:2] for pose in (meeting.T_w_r0, meeting.T_w_r1)]
+    ends_m = [pose.as_array()[:2] for pose in (poses.T_w_r0, poses.T_w_r1)]
     gaps_m = shapely.distance(shapely.LineString(ends_m), shapely.points(places_m))
     off_line: Array = places_m[gaps_m > thing.radius_m]
     return off_line
 
 
-def _before(rng: np.random.Generator, meeting: RobotPoses, thing: Thing, seen: RobotSpec) -> Array:
-    """(16, 2) [m]: between the robots, so far aside that some of the robot seen is left to see."""
-    assert meeting.T_w_r1 is not None
-    eye_m, target_m = meeting.T_w_r0.as_array()[:2], meeting.T_w_r1.as_array()[:2]
+def _in_front(rng: np.random.Generator, poses: RobotPoses, thing: Thing, seen: RobotSpec) -> Array:
+    """(16, 2) [m] places between the robots, far enough to the side to leave part of the robot in view."""
+    assert poses.T_w_r1 is not None
+    eye_m, target_m = poses.T_w_r0.as_array()[:2], poses.T_w_r1.as_array()[:2]
     share = rng.uniform(0.3, 0.95, 16)[:, None]
-    # Uniform; the nearer to the eye, the narrower the cone in which the robot is.
+    # Uniform; the cone that contains the robot narrows towards the eye.
     edge = rng.uniform(-0.7, 0.9, 16)[:, None] * share * 0.5 * seen.size_m[1]
     aside_m = rng.choice([-1.0, 1.0], 16)[:, None] * (thing.radius_m + edge)
     along = (target_m - eye_m) / np.linalg.norm(target_m - eye_m)

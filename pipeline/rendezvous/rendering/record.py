@@ -1,4 +1,4 @@
-"""What was drawn for a picture, as plain JSON."""
+"""Records of what was drawn for a picture, as plain JSON."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ JsonValue = None | bool | int | float | str | list["JsonValue"] | dict[str, "Jso
 
 
 def plain(value: object) -> JsonValue:
-    """The value in JSON's own types: records become objects, arrays lists.
+    """The value in JSON's types: dataclasses and mappings become objects, arrays and sequences lists.
 
     Raises:
-        TypeError: it holds something that JSON has no form for.
+        TypeError: it contains a value without a JSON form.
     """
     match value:
         case Enum():
@@ -30,4 +30,4 @@ def plain(value: object) -> JsonValue:
             return [plain(item) for item in value]
     if is_dataclass(value):
         return {field.name: plain(getattr(value, field.name)) for field in fields(value)}
-    raise TypeError(f"{type(value).__name__} has no form in JSON")
+    raise TypeError(f"{type(value).__name__} has no JSON form")

@@ -1,8 +1,8 @@
-"""A robot's looks: named parts with PBR materials in the robot's frame r, as a GLB file holds them.
+"""A robot's model: named parts with PBR materials in the robot's frame r, stored as GLB.
 
-Nothing here is about one robot. A robot's GLB comes from a build script (`assets/robots/burger/build.py`) or
-from anywhere else, as long as it is in metres, in r (on the floor between the wheels, x forward, z up) and
-inside the cuboid of its robot file.
+Nothing here is specific to one robot. A GLB may come from a build script (`assets/robots/burger/build.py`) or
+from elsewhere, as long as it is in metres, in r (origin on the floor between the wheels, x forward, z up) and
+inside the cuboid of the robot file.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from rendezvous.rendering.scene import Material
 from rendezvous.simulation.robot import Cuboid
 
 CREASE_RAD = np.radians(35.0)
-"""Faces that meet at a sharper angle keep their edge."""
+"""Faces that meet at a larger angle keep a sharp edge."""
 
 INSIDE_TOLERANCE_M = 1e-4
 LEAST_FILLED = 0.5
@@ -33,10 +33,10 @@ UPRIGHT: Array = np.eye(4)
 
 
 class SolidParts:
-    """Collects a robot's parts from plain solids, for build scripts; a part is all of one material.
+    """Builds a robot's parts from simple solids, for build scripts.
 
     Args:
-        materials: what each part is made of.
+        materials: the material of each part, by name.
     """
 
     def __init__(self, materials: Mapping[str, Material]) -> None:
@@ -44,7 +44,7 @@ class SolidParts:
         self.meshes: dict[str, list[trimesh.Trimesh]] = defaultdict(list)
 
     def box(self, part: str, size_m: tuple[float, ...], centre_m: tuple[float, ...]) -> None:
-        """A block with slightly broken edges."""
+        """A block with slightly bevelled edges."""
         bevel_m = 0.12 * min(size_m)
         outline = shapely.box(-size_m[0] / 2, -size_m[1] / 2, size_m[0] / 2, size_m[1] / 2)
         outline = outline.buffer(-bevel_m).buffer(bevel_m, quad_segs=1)
@@ -60,17 +60,17 @@ class SolidParts:
     def revolve(
         self, part: str, profile_m: list[tuple[float, float]], sections: int, T_r_axis: Array
     ) -> None:
-        """A turned body: (radius, height) along the z axis of the given frame."""
+        """A solid of revolution: profile of (radius, height) along the z axis of the given frame."""
         mesh = trimesh.creation.revolve(np.array(profile_m), sections=sections)
         self.meshes[part].append(mesh.apply_transform(T_r_axis))
 
     def parts(self) -> dict[str, tuple[trimesh.Trimesh, Material]]:
-        """Every part that has a mesh, and its material."""
+        """The mesh and material of every part that has a mesh."""
         return {n: (trimesh.util.concatenate(m), self.materials[n]) for n, m in self.meshes.items()}
 
 
 def at(x_m: float, y_m: float, z_m: float, *, z_axis: tuple[float, float, float] = (0.0, 0.0, 1.0)) -> Array:
-    """(4, 4) frame at a point, its z axis along a direction."""
+    """(4, 4) frame at a point with its z axis along a direction."""
     T = np.array(trimesh.geometry.align_vectors([0.0, 0.0, 1.0], z_axis))
     T[:3, 3] = x_m, y_m, z_m
     return T
@@ -79,7 +79,7 @@ def at(x_m: float, y_m: float, z_m: float, *, z_axis: tuple[float, float, float]
 def robot_glb(parts: Mapping[str, tuple[trimesh.Trimesh, Material]]) -> bytes:
     """A GLB of named parts in r; equal parts give equal bytes.
 
-    Vertices are rounded to a micrometre, so that the last digit of a sine does not change the file.
+    Vertices are rounded to a micrometre, so that rounding errors do not change the file.
     """
     scene = trimesh.Scene()
     for name, (mesh, material) in sorted(parts.items()):
@@ -100,15 +100,15 @@ def robot_parts(glb: bytes, *, source: str) -> dict[str, trimesh.Trimesh]:
     """The parts of a robot by name, sorted, in r [m], each with its own PBR material.
 
     Args:
-        glb: a binary glTF file's content.
-        source: what to call it in an error.
+        glb: content of a binary glTF file.
+        source: its name in errors.
 
     Raises:
-        ConfigError: the bytes are no GLB or hold no mesh.
+        ConfigError: the bytes are not a GLB or contain no mesh.
     """
     try:
         scene = trimesh.load_scene(io.BytesIO(glb), file_type="glb")
-    except Exception as error:  # whatever a damaged file makes the reader stumble over
+    except Exception as error:  # a damaged file can make the reader raise anything
         raise ConfigError(f"{source}: {len(glb)} bytes that cannot be read as GLB ({error})") from error
     parts: dict[str, trimesh.Trimesh] = {}
     for node in scene.graph.nodes_geometry:
@@ -123,12 +123,12 @@ def robot_parts(glb: bytes, *, source: str) -> dict[str, trimesh.Trimesh]:
 
 
 def part_material(part: trimesh.Trimesh) -> Material:
-    """A part's own material, texture apart, with glTF's defaults; white plastic where the GLB names none."""
+    """A part's own material without its texture, with glTF's defaults; white plastic if it has none."""
     own = getattr(part.visual, "material", None)
     if not isinstance(own, PBRMaterial):
         return Material(base_colour_rgb=(1.0, 1.0, 1.0))
     factor = np.ones(4) if own.baseColorFactor is None else np.asarray(own.baseColorFactor)
-    if np.issubdtype(factor.dtype, np.integer):  # trimesh keeps glTF's linear factor as bytes
+    if np.issubdtype(factor.dtype, np.integer):  # trimesh stores glTF's linear factor as bytes
         factor = factor / 255.0
     return Material(
         base_colour_rgb=(float(factor[0]), float(factor[1]), float(factor[2])),
@@ -138,11 +138,10 @@ def part_material(part: trimesh.Trimesh) -> Material:
 
 
 def check_inside_cuboid(parts: Mapping[str, trimesh.Trimesh], cuboid: Cuboid, *, robot: str) -> None:
-    """See that labels drawn from the cuboid hold all of the robot, and that it is not lost in there.
+    """Check that the cuboid, from which labels are drawn, contains the robot and is not far too large.
 
     Raises:
-        ConfigError: a part reaches out of the cuboid (says which, where and by how much), or all of them
-            together fill less than half of one of its sides.
+        ConfigError: a part sticks out of the cuboid, or the parts together span less than half of one side.
     """
     centre_m, half_m = np.array(cuboid.centre_m), 0.5 * np.array(cuboid.size_m)
     for name, part in parts.items():
@@ -164,10 +163,10 @@ def check_inside_cuboid(parts: Mapping[str, trimesh.Trimesh], cuboid: Cuboid, *,
 
 
 def creased_mesh(vertices: Array, faces: NDArray[np.int64]) -> trimesh.Trimesh:
-    """The mesh with smooth normals on its curved faces and split vertices along its edges.
+    """The mesh with smooth normals on curved surfaces and split vertices along sharp edges.
 
-    A corner's normal is the mean, weighted by area, of the faces around its vertex that lie within
-    `CREASE_RAD` of its own face.
+    A corner's normal is the area-weighted mean over the faces at its vertex that are within `CREASE_RAD` of
+    its own face.
     """
     vertices, merged = np.unique(vertices, axis=0, return_inverse=True)
     faces = merged.reshape(-1)[faces]
@@ -188,14 +187,14 @@ def creased_mesh(vertices: Array, faces: NDArray[np.int64]) -> trimesh.Trimesh:
 
 
 def _rounded(values: Array, decimals: int) -> Array:
-    """Rounded, and without negative zeros, whose sign is that of the noise."""
+    """Rounded, without negative zeros, whose sign depends on rounding errors."""
     return np.round(values, decimals) + 0.0
 
 
 def _corner_normals(
     corner_vertex: NDArray[np.int64], corner_face: NDArray[np.int64], normal: Array, area: Array
 ) -> Array:
-    """(3F, 3) unit normals, one per corner of a face."""
+    """(3F, 3) unit normals, one per corner of each face."""
     order = np.argsort(corner_vertex, kind="stable")
     starts = np.flatnonzero(np.diff(corner_vertex[order], prepend=-1))
     normals = np.empty((len(corner_vertex), 3))

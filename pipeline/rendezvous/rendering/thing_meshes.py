@@ -1,4 +1,4 @@
-"""Meshes of small things, of unit size: base on z = 0, 1 high and at most 1 across, unless said otherwise."""
+"""Unit meshes of small things: base on z = 0, height 1 and at most 1 across, unless stated otherwise."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _PROFILES = {
 
 
 def thing_meshes() -> MeshPool:
-    """All of them, keyed `thing/...`; the same in every process."""
+    """All meshes, keyed `thing/...`; the same in every process."""
     shapes = {name: _turned(np.array(profile, np.float64)) for name, profile in _PROFILES.items()}
     shapes["vase"] = _turned(_rounded(np.array(_PROFILES["vase"], np.float64)))
     shapes |= {"ball": _ball(), "shoe": _shoe(), "bag": _bag(), "leaves": _leaves(), "handle": _handle()}
@@ -52,7 +52,7 @@ def _turned(profile: Array) -> trimesh.Trimesh:
 
 
 def _rounded(profile: Array) -> Array:
-    """The profile with its corners cut off (Chaikin), so that it bends as thrown clay does."""
+    """The profile with its corners cut (Chaikin), curved like thrown clay."""
     a, b = profile[:-1], profile[1:]
     cut = np.stack([0.75 * a + 0.25 * b, 0.25 * a + 0.75 * b], axis=1).reshape(-1, 2)
     return np.concatenate([profile[:1], cut, profile[-1:]])
@@ -70,10 +70,10 @@ def _ball() -> trimesh.Trimesh:
 
 
 def _shoe() -> trimesh.Trimesh:
-    """Along x, the toe in front; 1 long, 0.36 wide, 0.42 high."""
+    """A shoe along x, toe forward; 1 long, 0.36 wide, 0.42 high."""
     p, mesh = _sphere(3)
     x, y, z = p.T
-    # The ankle is high over the heel, and the foot falls to the toe.
+    # High at the ankle, falling towards the toe.
     top = 0.17 + 0.25 / (1.0 + np.exp(7.0 * (x + 0.25)))
     height = top * np.sqrt(np.maximum(z, 0.0))
     waist = 0.16 + 0.02 * np.cos(3.0 * x)
@@ -82,7 +82,7 @@ def _shoe() -> trimesh.Trimesh:
 
 
 def _bag() -> trimesh.Trimesh:
-    """A rounded block with a slumped top."""
+    """A rounded block with a sagging top."""
     p, mesh = _sphere(3)
     block = np.sign(p) * np.abs(p) ** 0.45
     block[:, :2] *= 1.0 - 0.18 * (block[:, 2:] > 0.0) * block[:, 2:]
@@ -91,7 +91,7 @@ def _bag() -> trimesh.Trimesh:
 
 
 def _handle() -> trimesh.Trimesh:
-    """Of a cup of unit size: a ring in the x-z plane, half inside the wall."""
+    """The handle of the unit cup: a ring in the x-z plane, half inside the wall."""
     ring = trimesh.creation.torus(major_radius=0.28, minor_radius=0.05, major_sections=20, minor_sections=8)
     ring.apply_transform(trimesh.transformations.rotation_matrix(0.5 * np.pi, [1.0, 0.0, 0.0]))
     ring.apply_translation([0.5, 0.0, 0.52])
@@ -99,7 +99,7 @@ def _handle() -> trimesh.Trimesh:
 
 
 def _leaves() -> trimesh.Trimesh:
-    """Two dozen bent blades from one root, seen from both sides."""
+    """Two dozen bent two-sided blades from one root."""
     blades = []
     for i in range(24):
         # The golden angle spreads them evenly.
@@ -125,7 +125,7 @@ def _ribbon(left: Array, right: Array) -> trimesh.Trimesh:
 
 
 def _cable(variant: int) -> trimesh.Trimesh:
-    """On the floor, 8 mm thick and about 0.6 m across: true size."""
+    """A cable on the floor in true size: 8 mm thick, about 0.6 m across."""
     t = np.linspace(0.0, 1.0, 48)
     phase = 1.9 * variant
     angle_rad = phase + (1.2 + variant) * 2.0 * np.pi * t

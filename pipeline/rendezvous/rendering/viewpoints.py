@@ -1,4 +1,4 @@
-"""Where the camera and the robot that it may see stand in a furnished plan, drawn at random."""
+"""Poses of two robots in a furnished plan, drawn at random so that one sees the other."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ from rendezvous.simulation.robot import RobotSpec
 BATCH = 256
 DRAWS = 60
 LOW_M = 0.3
-"""What begins below this takes up floor; what begins above, like a table top, leaves room beneath."""
+"""Solids that start below this occupy the floor; those above, like a table top, leave room underneath."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FurnishedPlan:
-    """A plan with furniture, prepared for drawing places in it; make it by `furnished_plan`.
+    """A plan with furniture, prepared for drawing poses in it by `furnished_plan`.
 
     Attributes:
         plan: the floor plan.
         furniture: its solids.
         wall_height_m: height of walls and ceiling.
-        floor: the floor that no furniture stands on [m].
-        edge: the border of that floor [m].
-        clear: what a line of sight at a robot's height passes through [m].
+        floor: floor without furniture on it [m].
+        edge: boundary of that floor [m].
+        clear: area through which a line of sight at a robot's height may pass [m].
     """
 
     plan: Floorplan
@@ -43,17 +43,17 @@ class FurnishedPlan:
     clear: shapely.Geometry
 
     def stands(self, xy_m: Array, *, radius_m: float) -> NDArray[np.bool_]:
-        """(N,) bool: where (N, 2) [m] a circle of this radius lies on free floor."""
+        """(N,) whether a circle of this radius about each of (N, 2) [m] lies on free floor."""
         inside = shapely.contains_xy(self.floor, xy_m)
         return inside & ~shapely.dwithin(self.edge, shapely.points(xy_m), radius_m)
 
 
 def furnished_plan(plan: Floorplan, furniture: Sequence[Solid], *, wall_height_m: float) -> FurnishedPlan:
-    """Take the furniture's footprints off the floor; once per furnishing, for all pictures of it."""
+    """Subtract the furniture's footprints from the floor: once per furnishing, for all its pictures."""
     space = plan.free_space()
     low = shapely.union_all([_footprint(solid) for solid in furniture if solid.z0_m < LOW_M])
     floor = space.difference(low)
-    # Legs hide little: through them one sees.
+    # Legs are too thin to block the view.
     wide = [s for s in furniture if s.z0_m < LOW_M and max(s.half_x_m, s.half_y_m) > 0.05]
     clear = space.difference(shapely.union_all([_footprint(solid) for solid in wide]))
     edge = floor.boundary
@@ -76,7 +76,7 @@ def _footprint(solid: Solid) -> shapely.Geometry:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RobotPoses:
-    """Two robots on the floor: the observer, and the one that it may see; None if it is elsewhere."""
+    """Poses on the floor of the observer and of the robot that it may see; None if that is elsewhere."""
 
     T_w_r0: SE2
     T_w_r1: SE2 | None
@@ -91,16 +91,16 @@ def draw_robot_poses(
     *,
     absent: bool,
 ) -> RobotPoses:
-    """Robots at a distance uniform in the range drawn from, as far as rooms are that large, at any heading.
+    """Poses at a distance uniform within the range, as far as rooms allow, and any heading.
 
-    The robot seen is anywhere across the image, one time in five at its edge, partly outside; a wall or
-    cupboard may hide a part of it but not all.
+    The robot seen is anywhere across the image, or in one of five at its edge, partly outside; a wall or
+    cupboard may hide part of it but not all.
 
     Args:
         rng: draws the poses.
-        place: where.
+        place: the furnished plan.
         observer, seen: robots 0 and 1.
-        draws: what the distance is drawn from.
+        draws: holds the range of distances.
         absent: draw the observer's pose alone.
 
     Raises:
@@ -115,12 +115,12 @@ def draw_robot_poses(
         headings_rad = rng.uniform(-math.pi, math.pi, size=len(poses_0))
         c, s = np.cos(headings_rad), np.sin(headings_rad)
         dx_m, dy_m, _ = seen.cuboid.centre_m
-        feet_m = centres_m - np.stack([c * dx_m - s * dy_m, s * dx_m + c * dy_m], axis=1)
-        good = place.stands(feet_m, radius_m=seen.radius_m)
+        origins_m = centres_m - np.stack([c * dx_m - s * dy_m, s * dx_m + c * dy_m], axis=1)
+        good = place.stands(origins_m, radius_m=seen.radius_m)
         good &= _in_sight(place, poses_0, centres_m, observer, seen)
-        good &= np.hypot(*(feet_m - poses_0[:, :2]).T) > observer.radius_m + seen.radius_m
+        good &= np.hypot(*(origins_m - poses_0[:, :2]).T) > observer.radius_m + seen.radius_m
         for i in np.flatnonzero(good)[:1]:
-            T_w_r1 = SE2(float(feet_m[i, 0]), float(feet_m[i, 1]), float(headings_rad[i]))
+            T_w_r1 = SE2.from_array([*origins_m[i], headings_rad[i]])
             return RobotPoses(T_w_r0=SE2.from_array(poses_0[i]), T_w_r1=T_w_r1)
     raise FloorplanError(
         f"{place.plan.plan_id}: no place for two robots in sight of each other in {DRAWS * BATCH} draws; "
@@ -131,7 +131,7 @@ def draw_robot_poses(
 def _range_and_column(
     rng: np.random.Generator, observer: RobotSpec, seen: RobotSpec, draws: PoseDraws
 ) -> tuple[float, float]:
-    """Distance [m] and image column [px] of the middle of the robot seen."""
+    """Distance [m] and image column [px] of the centre of the robot seen."""
     camera = observer.camera
     range_m = float(rng.uniform(draws.min_range_m, draws.max_range_m))
     if rng.random() < 0.8:
@@ -142,7 +142,7 @@ def _range_and_column(
 
 
 def _anywhere(rng: np.random.Generator, place: FurnishedPlan, robot: RobotSpec) -> Array:
-    """(N, 3) x [m], y [m], yaw [rad]: uniform over where a robot can stand."""
+    """(N, 3) x [m], y [m], yaw [rad], uniform over the poses at which a robot can stand."""
     low, high = place.plan.outline_m.min(axis=0), place.plan.outline_m.max(axis=0)
     xy_m = rng.uniform(low, high, size=(BATCH, 2))
     yaw_rad = rng.uniform(-math.pi, math.pi, size=BATCH)
@@ -152,7 +152,7 @@ def _anywhere(rng: np.random.Generator, place: FurnishedPlan, robot: RobotSpec) 
 def _seen_centres(
     poses_0: Array, observer: RobotSpec, seen: RobotSpec, range_m: float, column_px: float
 ) -> Array:
-    """(N, 2) [m] in w: middle of the robot seen, for every pose of the observer."""
+    """(N, 2) [m] in w: centre of the robot seen, for each pose of the observer."""
     camera = observer.camera
     rise_m = camera.xyz_m[2] - seen.cuboid.centre_m[2]
     away_m = math.sqrt(max(range_m**2 - rise_m**2, 0.0))
@@ -173,7 +173,7 @@ def _direction(angle_rad: Array) -> Array:
 def _in_sight(
     place: FurnishedPlan, poses_0: Array, centres_m: Array, observer: RobotSpec, seen: RobotSpec
 ) -> NDArray[np.bool_]:
-    """(N,) bool: nothing wide stands before at least one of two points, left and right on the robot."""
+    """(N,) whether the view is clear to at least one of two points, left and right on the robot."""
     eyes_m = _camera_places(poses_0, observer)
     away = centres_m - eyes_m
     aside = np.stack([-away[:, 1], away[:, 0]], axis=1) / np.linalg.norm(away, axis=1, keepdims=True)

@@ -23,9 +23,9 @@ from rendezvous.geometry.se2 import SE2
 from rendezvous.plan_schema import PLAN_COLUMNS, plan_of, solids_of
 from rendezvous.rendering.free_scenes import draw_free
 from rendezvous.rendering.opengl.gl import renderer_name
+from rendezvous.rendering.plan_scene import RoomLooks, draw_room_looks
 from rendezvous.rendering.randomise import Drawn, draw_plausible, room_scene
 from rendezvous.rendering.robot_model import robot_parts
-from rendezvous.rendering.room_looks import RoomLooks, draw_room_looks
 from rendezvous.rendering.scene import Material
 from rendezvous.rendering.studio import Picture, Studio
 from rendezvous.rendering.viewpoints import FurnishedPlan, furnished_plan
