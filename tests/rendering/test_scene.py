@@ -27,7 +27,7 @@ def test_more_lights_than_the_shader_has_are_refused(count: int, shadow: bool):
 
 
 def test_a_point_light_throws_no_shadow():
-    with pytest.raises(PipelineError, match="point light throws no shadow"):
+    with pytest.raises(PipelineError, match="point light casts no shadow"):
         sun(kind="point", casts_shadow=True)
 
 

@@ -19,7 +19,6 @@ from rendezvous.rendering.robot_model import robot_glb
 from rendezvous.rendering.scene import Material
 from rendezvous.robot_file import ROBOTS, load_robot
 from rendezvous.schema import EXPLORE, POSES, VIEWS
-from rendezvous.stages.dataset.photos import photo_folder
 from rendezvous.stages.explore import explore
 from rendezvous.stages.floorplans import floorplans
 from rendezvous.stages.meshes import meshes
@@ -175,29 +174,6 @@ def test_own_photos_stand_behind_free_images(driven: str, tmp_path: Path) -> Non
     redder = [np.median(image[..., 2].astype(float) - image[..., 0]) for image in images]
     assert np.median(redder) > 60.0
     assert all('"background":{"photo":0,' in row["drawn"] for row in _rows(run.read("render"), POSES))
-
-
-def test_folders_without_photos_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="must be a folder of photos"):
-        photo_folder(str(tmp_path / "none"))
-    with pytest.raises(ConfigError, match="no photo in"):
-        photo_folder(str(tmp_path))
-    (tmp_path / "folder.jpg").mkdir()
-    with pytest.raises(ConfigError, match="no photo in"):
-        photo_folder(str(tmp_path))
-
-
-@pytest.mark.parametrize("content", [b"no picture", b""])
-def test_what_is_no_photo_is_named_before_anything_is_drawn(tmp_path: Path, content: bytes) -> None:
-    (tmp_path / "broken.jpg").write_bytes(content)
-    photos = photo_folder(str(tmp_path))
-    for read in (photos.digest, lambda: photos[0]):
-        with pytest.raises(ConfigError, match=r"broken\.jpg: no picture that can be read"):
-            read()
-    (tmp_path / "broken.jpg").unlink()
-    (tmp_path / "broken.jpg").symlink_to(tmp_path / "gone.jpg")
-    with pytest.raises(ConfigError, match=r"broken\.jpg: cannot be read \(no such file"):
-        photo_folder(str(tmp_path)).digest()
 
 
 def test_another_robot_than_explore_drove_is_refused(driven: str, tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -61,9 +62,9 @@ class PhotoFolder(Sequence[Image]):
         h = hashlib.sha256()
         for path in self.paths:
             content = _content(path)
-            if not cv2.haveImageReader(str(path)):
+            if not _is_picture(content):
                 raise ConfigError(f"{path}: no picture that can be read; render.backgrounds takes photos")
-            h.update(f"{path.name} {len(content)} ".encode() + content)
+            h.update(os.fsencode(path.name) + f" {len(content)} ".encode() + content)
         return h.hexdigest()
 
 
@@ -82,6 +83,17 @@ def photo_folder(folder: str | None) -> PhotoFolder:
     if not paths:
         raise ConfigError(f"render.backgrounds: no photo in {folder} ({', '.join(SUFFIXES)})")
     return PhotoFolder(tuple(paths))
+
+
+def _is_picture(content: bytes) -> bool:
+    """Whether OpenCV knows the kind of file, by its first bytes."""
+    # A file in memory: OpenCV takes a name here, and crashes on one that is not UTF-8.
+    descriptor = os.memfd_create("photo")
+    try:
+        os.write(descriptor, content[:1024])
+        return bool(cv2.haveImageReader(f"/proc/self/fd/{descriptor}"))
+    finally:
+        os.close(descriptor)
 
 
 def _content(path: Path) -> bytes:
