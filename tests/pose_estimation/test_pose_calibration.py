@@ -118,9 +118,7 @@ def test_readings_are_as_probable_as_they_are_right():
         stated = rng.normal(0.0, 8.0)
         # The evidence as stated is four times too sure.
         truth = true if rng.random() < 1.0 / (1.0 + np.exp(-stated / 4.0)) else behind
-        pair = sorted(
-            [reading(true, log_evidence=stated), reading(behind)], key=lambda one: -one.log_evidence
-        )
+        both = [reading(true, log_evidence=stated), reading(behind)]
         both.sort(key=lambda one: -one.log_evidence)
         right.append(ReadImage(readings=tuple(both), T_r0_r1=truth))
     assert with_sharpness(PoseCalibration(), right).sharpness == pytest.approx(0.25, rel=0.3)
