@@ -1,9 +1,9 @@
 """The best cell of a correlation, provably, without scoring every cell.
 
 Branch and bound for correlative scan matching (Olson, "M3RSM: Many-to-many multi-resolution scan matching",
-ICRA 2015; Hess et al., "Real-time loop closure in 2D lidar SLAM", ICRA 2016): a block of shifts can score at
+ICRA 2015; Hess et al., "Real-time loop closure in 2D lidar SLAM", ICRA 2016): a block of shifts scores at
 most the sum, over the walls, of the field's maximum over that block. Blocks are opened best bound first, and
-the search ends where the next bound is below the best score.
+the search ends when the next bound is below the best score.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ from rendezvous.baselines.correlation import (
 from rendezvous.compiled import njit
 from rendezvous.geometry.se2 import wrap_angle
 
-Box = tuple[int, int, int, int]
-"""Shifts from a first row to before a last one, and likewise columns."""
+ShiftBox = tuple[int, int, int, int]
+"""First row, row after the last, first column, column after the last."""
 
-NO_SHIFTS: Box = (0, 0, 0, 0)
+NO_SHIFTS: ShiftBox = (0, 0, 0, 0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -35,7 +35,7 @@ class ScoredCell:
     """A cell of a correlation.
 
     Attributes:
-        score: in units of SCORE_SCALE.
+        score: in units of 1 / SCORE_SCALE.
         heading, row, col: indices as `Correlation.scores` takes them.
     """
 
@@ -47,13 +47,13 @@ class ScoredCell:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Apart:
-    """All cells but those around one: farther in heading, or by more cells along rows or columns."""
+    """All cells except those around one: further in heading, or by more cells along rows or columns."""
 
     centre: ScoredCell
     yaw_rad: float
     cells: int
 
-    def left_out(self, correlation: Correlation, heading: int) -> Box:
+    def left_out(self, correlation: Correlation, heading: int) -> ShiftBox:
         """The shifts of a heading that are too close."""
         headings_rad = correlation.headings_rad
         turn_rad = wrap_angle(float(headings_rad[heading] - headings_rad[self.centre.heading]))
@@ -64,7 +64,7 @@ class Apart:
 
 
 def block_bounds(correlation: Correlation) -> Scores:
-    """(H, B, B) int32: no shift in block (row, col) of BLOCK x BLOCK shifts scores more than this."""
+    """(H, B, B) int32: upper bound of the scores in block (row, col) of BLOCK x BLOCK shifts."""
     blocks = -(-(2 * correlation.reach + 1) // BLOCK)
     wide = LANES * -(-blocks // LANES)  # the processor adds that many at once
     bounds = np.zeros((len(correlation.headings_rad), blocks, wide), np.int32)
@@ -78,13 +78,13 @@ def block_bounds(correlation: Correlation) -> Scores:
 def best_cell(
     correlation: Correlation, bounds: Scores, *, above: int = 0, apart: Apart | None = None
 ) -> ScoredCell | None:
-    """The cell of the highest score; of equal ones the first by heading, then row, then column.
+    """The cell with the highest score; among equal ones the first by heading, then row, then column.
 
     Args:
         correlation: the scores.
         bounds: their `block_bounds`.
-        above: only cells that score more than this; None if there are none.
-        apart: only cells that are apart from another one.
+        above: only cells that score more than this count; None if there are none.
+        apart: only cells that are apart from another one count.
     """
     best: ScoredCell | None = None
     least = above + 1
@@ -106,7 +106,7 @@ def _is_before(cell: ScoredCell, other: ScoredCell | None) -> bool:
 def _best_of_block(
     correlation: Correlation, heading: int, row: int, col: int, apart: Apart | None
 ) -> ScoredCell | None:
-    """The first best cell of a block, of those that the range and `apart` leave."""
+    """The first best cell of a block within the range and `apart`."""
     left_out = NO_SHIFTS if apart is None else apart.left_out(correlation, heading)
     score, at_row, at_col = _best_in_block(
         (correlation.field_0, correlation.fields_1[heading]),
@@ -126,7 +126,7 @@ def _best_in_block(
     first_row: int,
     first_col: int,
     shifts: int,
-    left_out: Box,
+    left_out: ShiftBox,
 ) -> tuple[int, int, int]:
     """Score, row and column; row -1 if the whole block is left out."""
     scores = np.zeros((min(BLOCK, shifts - first_row), min(BLOCK, shifts - first_col)), np.int32)
@@ -145,8 +145,8 @@ def _best_in_block(
 
 @njit
 def _block_maxima(field: Field) -> Field:
-    """(R, BLOCK, C / BLOCK): the largest of the BLOCK x BLOCK values from (row, col) on, at
-    [row, col % BLOCK, col // BLOCK], so that steps of a whole block along a row lie side by side."""
+    """(R, BLOCK, C / BLOCK): maxima of the BLOCK x BLOCK values from (row, col) on, at [row, col % BLOCK,
+    col // BLOCK], so that whole-block steps along a row are adjacent."""
     rows, cols = field.shape
     maxima = field.copy()
     for reach in (1, 2):  # of 2 x 2 values, then of 4 x 4

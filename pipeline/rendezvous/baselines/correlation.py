@@ -1,10 +1,10 @@
 """How well two maps agree under a rigid motion: one integer score for every heading and whole-cell shift.
 
-For a frame error θ = (R_ψ s, ψ) the score adds up, over the walls of either map, what the other map's field
-holds where they fall: `Σ_u wall_0(u) field_1(R_ψ (u + s)) + Σ_u field_0(u) wall_1(R_ψ (u + s))`. A field is
-near 1 close to a wall (Thrun's likelihood field), 0 in the unknown and negative on free floor: a wall on
-floor that the other robot saw empty speaks against the motion, so that maps of little overlap are not pulled
-over each other. Scores are integers, so that two searches of the same scores find the very same cell.
+For a frame error θ = (R_ψ s, ψ) the score sums, over the walls of either map, the other map's field where
+they fall: `Σ_u wall_0(u) field_1(R_ψ (u + s)) + Σ_u field_0(u) wall_1(R_ψ (u + s))`. A field is near 1 close
+to a wall (Thrun's likelihood field), 0 in the unknown and negative on free floor: a wall on floor that the
+other robot saw empty speaks against the motion, so that maps of little overlap are not pulled over each
+other. Scores are integers, so that two searches of the same scores find the very same cell.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ BLOCK = 4
 """Side of the blocks of shifts that are bounded together [cells]; padding is a multiple of it."""
 
 LANES = 8
-"""Blocks along a row that are bounded at once."""
+"""Number of blocks along a row that are bounded at once."""
 
 Field = NDArray[np.int16]
 Points = NDArray[np.int32]
@@ -39,8 +39,8 @@ Scores = NDArray[np.int32]
 class Correlation:
     """All that is needed to score any motion of a search range.
 
-    Shift (row, col), each from 0 to 2 reach, stands for `s = (col - reach, row - reach) * cell_m`. Both
-    sums have the form `Σ field[point + shift]`; that of map 1's walls is mirrored to bring it there.
+    Shift (row, col), each from 0 to 2 reach, stands for `s = (col - reach, row - reach) * cell_m`. Both sums
+    have the form `Σ field[point + shift]`; the one over map 1's walls is mirrored to bring it to that form.
 
     Attributes:
         headings_rad: (H,) ψ.
@@ -61,14 +61,14 @@ class Correlation:
     walls_0: Points
 
     def scores(self, heading: int, row: int, col: int, rows: int, cols: int) -> Scores:
-        """(rows, cols) int32: scores of a block of shifts at one heading."""
+        """(rows, cols) int32 scores of a block of shifts at one heading."""
         out = np.zeros((rows, cols), np.int32)
         add_scores_in_place(out, self.field_0, self.walls_1[heading], row, col)
         add_scores_in_place(out, self.fields_1[heading], self.walls_0, row, col)
         return out
 
     def theta(self, heading: float, row: float, col: float) -> SE2:
-        """The frame error of a cell; between cells too."""
+        """The frame error of a cell; also between cells."""
         step_rad = self.headings_rad[1] - self.headings_rad[0] if len(self.headings_rad) > 1 else 0.0
         yaw_rad = float(self.headings_rad[0] + heading * step_rad)
         shift_m = self.cell_m * np.array([col - self.reach, row - self.reach])
@@ -79,14 +79,14 @@ class Correlation:
 def correlation(
     window: MapWindow, search: SearchRange, *, heading_step_rad: float, blur_m: float, free_penalty: float
 ) -> Correlation:
-    """Prepare the scores of all motions in a range, at the window's cell.
+    """Prepare the scores of all motions in a range, in the window's cells.
 
     Args:
         window: both maps.
-        search: half widths; every heading if its yaw is pi or more.
+        search: half widths; a yaw of pi or more is every heading.
         heading_step_rad: largest step between headings.
-        blur_m: standard deviation of the walls' Gaussian.
-        free_penalty: what a wall on free floor costs, a wall on a wall counting 1.
+        blur_m: standard deviation of a wall's Gaussian.
+        free_penalty: cost of a wall on free floor, a wall on a wall counting 1.
     """
     size, reach = window.cells.shape[1], math.ceil(search.xy_m / window.cell_m - 1e-9)
     headings_rad = _headings(search.yaw_rad, heading_step_rad)
@@ -118,7 +118,7 @@ def correlation(
 
 
 def likelihood_field(cells: Cells, *, blur_cells: float, free_penalty: float) -> Field:
-    """(N, N) int16: what a wall of the other map is worth at each cell, times SCORE_SCALE."""
+    """(N, N) int16: value of a wall of the other map at each cell, times SCORE_SCALE."""
     occupied = cells == OCCUPIED_CELL
     if not occupied.any():
         near = np.zeros(cells.shape)
@@ -137,13 +137,13 @@ def _headings(yaw_rad: float, step_rad: float) -> Array:
 
 
 def _padded(size: int) -> int:
-    """Room for the last blocks, in full lanes, to look beyond the last shift."""
+    """Size with room for the last blocks, in full lanes, to look beyond the last shift."""
     return BLOCK * (-(-size // BLOCK) + LANES)
 
 
 @njit
 def _turn_field_in_place(out: Field, field: Field, yaw_rad: float, first_row: int, first_col: int) -> None:
-    """Nearest cell of the field at R_ψ u, for u from that row and column on."""
+    """Nearest cell of the field at R_ψ u, for u from the first row and column on."""
     size, half = field.shape[0], 0.5 * field.shape[0]
     c, s = math.cos(yaw_rad), math.sin(yaw_rad)
     for row in range(out.shape[0]):
@@ -158,7 +158,7 @@ def _turn_field_in_place(out: Field, field: Field, yaw_rad: float, first_row: in
 
 @njit
 def _turned_walls(centres: Array, size: int, yaw_rad: float, reach: int) -> Points:
-    """The distinct cells into which walls fall when turned by -ψ, mirrored, and counted as in `field_0`."""
+    """The distinct cells into which walls fall when turned by -ψ, mirrored, and numbered as in `field_0`."""
     c, s, end = math.cos(yaw_rad), math.sin(yaw_rad), size + 2 * reach
     taken = np.zeros((end, end), np.bool_)
     out = np.empty((len(centres), 2), np.int32)
@@ -175,7 +175,7 @@ def _turned_walls(centres: Array, size: int, yaw_rad: float, reach: int) -> Poin
 
 @njit
 def add_scores_in_place(out: Scores, field: Field, points: Points, row: int, col: int) -> None:
-    """Add `Σ field[point + shift]` for the shifts (rows, cols) from this row and column on."""
+    """Add `Σ field[point + shift]` for shifts (rows, cols) starting at this row and column."""
     rows, cols = out.shape
     for i in range(len(points)):
         first_row, first_col = points[i, 0] + row, points[i, 1] + col

@@ -1,4 +1,4 @@
-"""No correction at all: what every other method must beat."""
+"""No correction: the baseline that every other method must beat."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from rendezvous.geometry.se2 import SE2
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Identity:
-    """Takes the estimate from the robots' meeting as it is (Eq. 2 without Eq. 3)."""
+    """Leaves the estimate from the rendezvous as it is (Eq. 2 without Eq. 3)."""
 
     name: ClassVar[str] = "identity"
 
     def __call__(self, window: MapWindow) -> Estimate:
-        """θ̂ = identity, whatever the window shows."""
+        """θ̂ = identity for any window."""
         return Estimate(theta=SE2.identity())

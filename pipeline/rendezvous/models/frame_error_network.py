@@ -1,9 +1,10 @@
-"""The paper's FRAME-ERROR-ESTIMATOR: a vision transformer over the pair of maps, and its convolutional twin.
+"""The paper's FRAME-ERROR-ESTIMATOR: a vision transformer over the pair of maps, and its convolutional
+twin.
 
-Both turn the two maps, drawn into one window, into three numbers ξ: a twist in se(2) of which the frame error
-is the exponential, or plainly its x, y and yaw (the paper's Table I compares the two). They share the
-convolutional stem and the head; in between the one has transformer layers and a class token, the other
-residual blocks and the mean over all places, of the same width and the same number of weights.
+Both turn the two maps, drawn into one window, into three numbers ξ: a twist in se(2) whose exponential is the
+frame error, or plainly its x, y and yaw (the paper's Table I compares the two). They share the convolutional
+stem and the head; in between one has transformer layers and a class token, the other residual blocks and the
+mean over all places, of the same width and number of weights.
 
 The paper gives neither sizes nor code; the stem, the sizes and the normalisations are this project's.
 
@@ -37,15 +38,15 @@ error on unseen maps was not compared.)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrameErrorConfig(Config):
-    """What a network is, enough to build it and to read its output.
+    """Shape of a network, and how to read its output.
 
     Attributes:
-        vit: the transformer; else its convolutional twin.
-        lie: the output is a twist; else x [m], y [m] and yaw [rad] as they are.
+        vit: the transformer; otherwise its convolutional twin.
+        lie: the output is a twist; otherwise x [m], y [m] and yaw [rad].
         cells: cells along a side of the input, a power of two times 12.
         cell_m: side of a cell [m].
         width: channels of the body.
-        depth: transformer layers; the twin has two residual blocks for three of them.
+        depth: transformer layers; the twin has two residual blocks for every three of them.
         heads: of each transformer layer.
     """
 
@@ -70,15 +71,16 @@ class FrameErrorConfig(Config):
 
     @property
     def halvings(self) -> int:
-        """How often the stem halves the input to come down to 12 x 12 places."""
+        """Number of halvings in the stem, from the input down to 12 x 12 places."""
         return (self.cells // TOKENS_PER_SIDE).bit_length() - 1
 
 
 def input_grid(cells_B2NN: Tensor, *, cells: int) -> Tensor:
-    """(B, 2, H, W) float32 input of the networks from a `MapWindow`'s cells: free -1, unknown 0, occupied +1.
+    """(B, 2, H, W) float32 input of the networks from a `MapWindow`'s cells: free -1, unknown 0, occupied
+    +1.
 
     Pooled to `cells` along a side by the largest value: occupied wins, then free, then unknown. (A mean, or
-    every second cell, would lose the walls.) Runs where the cells are.
+    every second cell, would lose the walls.) Runs on the cells' device.
 
     Args:
         cells_B2NN: uint8 of UNKNOWN_CELL, FREE_CELL, OCCUPIED_CELL; N is a multiple of `cells`.
@@ -93,13 +95,13 @@ def input_grid(cells_B2NN: Tensor, *, cells: int) -> Tensor:
 
 
 def output_pose(xi_B3: Tensor, *, lie_algebra: bool) -> Tensor:
-    """(B, 3) estimated frame error θ̂, x [m], y [m] and yaw in (-π, π] [rad], of a network's output."""
+    """(B, 3) estimated frame error θ̂, x [m], y [m] and yaw in (-π, π] [rad], from a network's output."""
     pose_B3 = lie.exp(xi_B3) if lie_algebra else xi_B3
     return torch.cat([pose_B3[..., :2], lie.wrap(pose_B3[..., 2:])], dim=-1)
 
 
 class FrameErrorViT(nn.Module):
-    """Vision transformer: the class token's last features are what the head reads."""
+    """Vision transformer whose head reads the class token's last features."""
 
     def __init__(self, config: FrameErrorConfig) -> None:
         super().__init__()
@@ -119,9 +121,9 @@ class FrameErrorViT(nn.Module):
         return self.head(self.norm(tokens_BTC[:, 0]))
 
     def with_attention(self, grid_B2HW: Tensor) -> tuple[Tensor, Tensor]:
-        """(B, 3) ξ and the attention (B, L, h, T, T) behind it: rows are the tokens that look.
+        """(B, 3) ξ and the attention (B, L, h, T, T) behind it; rows are the tokens that look.
 
-        Holds L h T² numbers per sample, which `forward` need not.
+        Holds L h T² numbers per sample, which `forward` does not need.
         """
         tokens_BTC = self._embedded(grid_B2HW)
         attention = []
@@ -138,15 +140,14 @@ class FrameErrorViT(nn.Module):
 
 
 def attention_rollout(attention_BLhTT: Tensor) -> Tensor:
-    """(B, H, W) share of each place in the class token's last features; the places of a sample sum to 1.
+    """(B, H, W) share of each place in the class token's last features; a sample's places sum to 1.
 
-    Attention is averaged over heads and mixed half and half with the identity, for the residual connection,
-    then multiplied through the layers from the first to the last. What the class token keeps of itself is
-    left out.
+    Attention Rollout (Abnar & Zuidema, 2020): attention is averaged over heads and mixed half and half with
+    the identity, for the residual connection, then multiplied through the layers from first to last. The
+    class token's share in itself is left out.
 
     Args:
-        attention_BLhTT: as `FrameErrorViT.with_attention` gives it: rows are the tokens that look, and T is
-            one more than a square.
+        attention_BLhTT: from `FrameErrorViT.with_attention`; T is one more than a square.
     """
     heads_BLTT = attention_BLhTT.float().mean(dim=2)
     tokens = heads_BLTT.shape[-1]
@@ -242,7 +243,7 @@ class TransformerLayer(nn.Module):
 
 
 def _attention(q_BhTD: Tensor, k_BhTD: Tensor) -> Tensor:
-    """(B, h, T, T): how much each token looks at each other; rows sum to 1."""
+    """(B, h, T, T): attention of each token to each other; rows sum to 1."""
     return torch.softmax((q_BhTD * q_BhTD.shape[-1] ** -0.5) @ k_BhTD.transpose(-2, -1), dim=-1)
 
 

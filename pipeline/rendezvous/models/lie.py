@@ -16,11 +16,11 @@ import torch
 from torch import Tensor
 
 SMALL_TURN_RAD = 0.05
-"""Below it the fractions are taken from their Taylor series: the terms left out are under 2e-16."""
+"""Below it the fractions are taken from their Taylor series; the omitted terms are under 2e-16."""
 
 
 def exp(xi_B3: Tensor) -> Tensor:
-    """(B, 3) pose, yaw as large as the twist's turn (not wrapped), of a twist."""
+    """(B, 3) pose of a twist; its yaw is the twist's turn, not wrapped."""
     v_x, v_y, turn = xi_B3.unbind(-1)
     sine, versine = _sin_over(turn), _one_minus_cos_over(turn)
     return torch.stack([sine * v_x - versine * v_y, versine * v_x + sine * v_y, turn], dim=-1)
@@ -35,7 +35,7 @@ def log(pose_B3: Tensor) -> Tensor:
 
 
 def compose(left_B3: Tensor, right_B3: Tensor) -> Tensor:
-    """(B, 3) pose `left @ right`; yaw is the sum (not wrapped)."""
+    """(B, 3) pose `left @ right`; yaw is the sum, not wrapped."""
     x, y, yaw = left_B3.unbind(-1)
     x_right, y_right, yaw_right = right_B3.unbind(-1)
     c, s = torch.cos(yaw), torch.sin(yaw)

@@ -1,8 +1,8 @@
-"""What the paper's networks are trained on (Eq. 5 to 7), and the eight rows of its Table I.
+"""The loss of the paper's networks (Eq. 5 to 7), and the eight rows of its Table I.
 
-The frame error θ says that map 1 as placed is θ applied to map 1 as it should lie: `placed(u) =
-aligned(θ⁻¹ u)`. So map 0, which agrees with the aligned map 1, comes to agree with the placed one when θ is
-applied to it: that is the warp `θ̂ M_0` of Eq. 6, `warped(u) = M_0(θ̂⁻¹ u)`.
+The frame error θ says that map 1 as placed is θ applied to map 1 as it should lie: `placed(u) = aligned(θ⁻¹
+u)`. So map 0, which agrees with the aligned map 1, comes to agree with the placed one when θ is applied to
+it: that is the warp `θ̂ M_0` of Eq. 6, `warped(u) = M_0(θ̂⁻¹ u)`.
 
 Legend: B sample, 2 map, C channel, H W cells, 3 a twist, or a pose x [m], y [m], yaw [rad].
 """
@@ -22,8 +22,8 @@ from rendezvous.models.frame_error_network import output_pose
 DEFAULT_OMEGA = 0.1
 """Weight of the regulariser where it is on. The paper gives its range, [0, 1], not its value.
 
-The pull of L_reg towards ξ = 0 is as strong for a small ξ as for a large one, that of L_error grows with the
-error: they are level where the error is about ω. At 0.1 the regulariser wins only within a cell of the input.
+The pull of L_reg towards ξ = 0 does not depend on the size of ξ, that of L_error grows with the error: they
+are level where the error is about ω. At 0.1 the regulariser wins only within a cell of the input.
 """
 
 
@@ -32,10 +32,10 @@ class AblationRow:
     """A row of the paper's Table I.
 
     Attributes:
-        name: what tables, folders and options call it.
-        vit: the transformer; else the convolutional twin.
-        reg: with the regulariser of Eq. 6; else ω is 0.
-        lie: the loss of Eq. 5; else half the squared difference of x, y and yaw.
+        name: in tables, folders and options.
+        vit: the transformer; otherwise the convolutional twin.
+        reg: with the regulariser of Eq. 6; otherwise ω is 0.
+        lie: the loss of Eq. 5; otherwise half the squared difference of x, y and yaw.
     """
 
     name: str
@@ -67,9 +67,9 @@ class FrameErrorLoss:
     """Means over a batch, scalars.
 
     Attributes:
-        total: L of Eq. 7, what is minimised.
+        total: L of Eq. 7, which is minimised.
         error: L_error.
-        reg: L_reg; 0 where ω is.
+        reg: L_reg; 0 if ω is 0.
     """
 
     total: Tensor
@@ -86,13 +86,14 @@ def frame_error_loss(
     omega: float,
     cell_m: float,
 ) -> FrameErrorLoss:
-    """L = L_error + ω L_reg (Eq. 7). With ω > 0 the network runs twice, and gradients flow through both.
+    """L = L_error + ω L_reg (Eq. 7). With ω > 0 the network runs twice, and gradients flow through both
+    runs.
 
     Args:
         network: ξ (B, 3) of a coded pair of maps (B, 2, H, W).
-        grid_B2HW: the input (`frame_error.input_grid`).
+        grid_B2HW: the input, from `input_grid`.
         theta_B3: the true frame error as a pose.
-        lie_algebra: the network gives a twist; else a pose.
+        lie_algebra: the network gives a twist; otherwise a pose.
         omega: weight of the regulariser, in [0, 1].
         cell_m: side of a cell [m].
     """
@@ -107,7 +108,7 @@ def frame_error_loss(
 
 
 def lie_error(xi_B3: Tensor, theta_B3: Tensor) -> Tensor:
-    """(B,) `½ dᵀ Σ⁻¹ d`, `d = log(exp(ξ) θ⁻¹)`, Σ = I: Eq. 5 of twists ξ and true poses θ."""
+    """(B,) `½ dᵀ Σ⁻¹ d`, `d = log(exp(ξ) θ⁻¹)`, Σ = I: Eq. 5 for twists ξ and true poses θ."""
     d_B3 = lie.log(lie.compose(lie.exp(xi_B3), lie.inverse(theta_B3)))
     return 0.5 * d_B3.square().sum(dim=-1)
 
@@ -120,7 +121,7 @@ def plain_error(xi_B3: Tensor, theta_B3: Tensor) -> Tensor:
 def regulariser(
     network: Callable[[Tensor], Tensor], grid_B2HW: Tensor, theta_hat_B3: Tensor, *, cell_m: float
 ) -> Tensor:
-    """(B,) `‖M(θ̂ M_0, T̃ M_1)‖₂` (Eq. 6): what the network still finds once θ̂ has moved map 0."""
+    """(B,) `‖M(θ̂ M_0, T̃ M_1)‖₂` (Eq. 6): the error that the network still finds once θ̂ has moved map 0."""
     map_0_B1HW, map_1_B1HW = grid_B2HW[:, :1], grid_B2HW[:, 1:]
     moved_B2HW = torch.cat([warp(map_0_B1HW, theta_hat_B3, cell_m=cell_m), map_1_B1HW], dim=1)
     return torch.linalg.vector_norm(network(moved_B2HW), dim=-1)
@@ -129,8 +130,7 @@ def regulariser(
 def warp(grid_BCHW: Tensor, pose_B3: Tensor, *, cell_m: float) -> Tensor:
     """(B, C, H, W) grids moved by poses about the window's centre: `warped(u) = grid(pose⁻¹ u)`.
 
-    Bilinear and differentiable in both (a spatial transformer). What comes from outside the window is
-    unknown, 0.
+    Bilinear and differentiable in both (a spatial transformer). Cells from outside the window are unknown, 0.
 
     Args:
         grid_BCHW: square coded grids, H = W.

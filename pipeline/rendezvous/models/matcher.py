@@ -1,15 +1,15 @@
-"""The learned matcher: one encoder for both maps, their features correlated over SE(2).
+"""The learned matcher: one encoder for both maps, whose features are correlated over SE(2).
 
 A coarse volume of scores covers the whole search at 0.2 m and 3°. Around its peaks a finer pair of features
-gives a score at any θ, as finely as one asks. Softmax over the volumes is the posterior of the frame error.
+scores any θ, as finely as needed. The softmax over the volumes is the posterior of the frame error.
 
-Features are not equivariant by construction: windows are turned at random in training, which teaches it.
+Features are not equivariant by construction: random window headings in training teach it.
 
-Where the maps are of a sighting, each map's features know where its own robot stood and what lies open before
-it: the right θ puts each robot where the other one can see it.
+At a rendezvous, each map's features know where its own robot stood and what that robot sees: the right θ puts
+each robot where the other one can see it.
 
-Legend: B pair, M map (0, then 1 as the estimate places it), N cells of the window, C channel, F feature,
-H heading, Y X rows and columns (of a grid, or of a volume of translations).
+Legend: B pair, M map (0, then 1 as the estimate places it), N cells of the window, C channel, F feature, H
+heading, Y X rows and columns (of a grid, or of a volume of translations).
 """
 
 from __future__ import annotations
@@ -30,17 +30,17 @@ from rendezvous.models.config import Config
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MatcherConfig(Config):
-    """What a matcher is, enough to build it and to read its scores.
+    """Shape of a matcher, and how to read its scores.
 
     Attributes:
         cell_m: side of a cell of the window [m].
         coarse_factor: cells of the window along a side of a coarse feature cell.
-        fine_factor: the same of a fine one; divides `coarse_factor`.
+        fine_factor: the same for a fine feature cell; divides `coarse_factor`.
         channels: of the coarse encoder.
         dilations: of its residual 3x3 convolutions, one each.
-        coarse_features: features that are correlated coarsely.
-        fine_channels, fine_features: the same of the fine branch.
-        reach_cells: features vanish further than this from what is known [coarse cells].
+        coarse_features: number of features that are correlated coarsely.
+        fine_channels, fine_features: the same for the fine branch.
+        reach_cells: features vanish further than this from known cells [coarse cells].
         heading_step_rad: spacing of the coarse volume's headings; divides the circle.
     """
 
@@ -92,14 +92,14 @@ class MatcherConfig(Config):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Features:
-    """What the encoder makes of a batch of windows; float32."""
+    """The encoder's output for a batch of windows; float32."""
 
     coarse_BMFYX: Tensor
     fine_BMFYX: Tensor
 
 
 class Encoder(nn.Module):
-    """One map's cells to features at two resolutions."""
+    """Features of one map's cells at two resolutions."""
 
     def __init__(self, config: MatcherConfig) -> None:
         super().__init__()
@@ -119,7 +119,7 @@ class Encoder(nn.Module):
                 block.weight.mul_(0.5)
 
     def forward(self, cells_BNN: Tensor, sight_BNN: Tensor) -> tuple[Tensor, Tensor]:
-        """Coarse and fine features, (B, F, Y, X) each, of uint8 cells as a `MapWindow` codes them."""
+        """Coarse and fine features, (B, F, Y, X) each, of uint8 cells coded as in a `MapWindow`."""
         config = self.config
         ratio = config.coarse_factor // config.fine_factor
         blocks_BYXc = self._blocks(cells_BNN, config.coarse_factor)
@@ -140,14 +140,14 @@ class Encoder(nn.Module):
 
     @staticmethod
     def _blocks(cells_BNN: Tensor, factor: int) -> Tensor:
-        """(B, Y, X, factor²): each block of cells as channels of one cell: nothing is lost by pooling."""
+        """(B, Y, X, factor²): each block of cells as channels of one cell, so that pooling loses nothing."""
         B, N = cells_BNN.shape[:2]
         size = N // factor
         return cells_BNN.view(B, size, factor, size, factor).transpose(2, 3).reshape(B, size, size, -1)
 
     @staticmethod
     def _shown(cells_BYXc: Tensor) -> Tensor:
-        """(B, Y, X, 2c): what is occupied, then what is known."""
+        """(B, Y, X, 2c): flags of occupied, then of known."""
         return torch.cat([cells_BYXc == OCCUPIED_CELL, cells_BYXc != UNKNOWN_CELL], -1).float()
 
     def _near_known(self, known_B1YX: Tensor) -> Tensor:
@@ -159,7 +159,7 @@ class Encoder(nn.Module):
 
 
 class Matcher(nn.Module):
-    """Scores frame errors; see `MatcherEstimator` for what to do with the scores."""
+    """Scores frame errors; `MatcherEstimator` reads the scores."""
 
     def __init__(self, config: MatcherConfig) -> None:
         super().__init__()
@@ -174,7 +174,7 @@ class Matcher(nn.Module):
         """Features of both maps of each window.
 
         Args:
-            cells_BMNN, sight_BMNN: (B, 2, N, N) uint8, as a `MapWindow` codes them.
+            cells_BMNN, sight_BMNN: (B, 2, N, N) uint8, coded as in a `MapWindow`.
         """
         sight_BMNN = torch.zeros_like(cells_BMNN) if sight_BMNN is None else sight_BMNN
         coarse, fine = self.encoder(cells_BMNN.flatten(0, 1), sight_BMNN.flatten(0, 1))

@@ -1,9 +1,9 @@
-"""What makes a matcher's confidence agree with its errors, fitted on validation pairs.
+"""Calibrates a matcher's confidence to its errors, on validation pairs.
 
-A matcher is trained on maps with many defects, and is too modest about those without: its posterior is made
-sharper. A label is exact where the robots meet; away from there maps drift, now and then by much, which no
-window shows: covariances get a floor, and errors are taken as a Student's t distribution has them. Estimates
-are called ambiguous below a probability that the wrong ones among the pairs suggest.
+A matcher is trained on maps with many defects, and is underconfident on maps without: its posterior is
+sharpened. A label is exact where the robots meet; away from there maps drift, now and then by much, which no
+window shows: covariances get a floor, and errors are modelled by a Student's t distribution. Estimates are
+called ambiguous below a probability that depends on the wrong ones among the pairs.
 
 Legend: P pair.
 """
@@ -26,13 +26,14 @@ from rendezvous.models.config import Config
 from rendezvous.models.posterior import RefinedPosterior
 
 SHARPNESSES = tuple(float(s) for s in np.geomspace(0.5, 8.0, 17))
-"""What is tried."""
+"""The values that are tried."""
 _LIMITS = np.array([[1e-3, 1e3], [1e-5, 1.0], [1e-5, 1.0], [0.1, 1e3]])
 _FIRST_GUESS = (0.5, 0.005, 0.003, 3.0)
-"""Scale, floor of x and y [m], of yaw [rad], degrees of freedom above 2."""
+"""Scale, floor of x and y [m], floor of yaw [rad], degrees of freedom above 2."""
 
 WRONG_SHARE, FLAGGED_SHARE = 0.005, 0.5
-"""Of estimates that are not flagged, no more shall be wrong; but of all, no more shall be flagged."""
+"""At most this share of the estimates that are not flagged may be wrong, and at most this share may be
+flagged."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -40,11 +41,11 @@ class MatcherCalibration(Config):
     """How to read a matcher's posterior.
 
     Attributes:
-        sharpness: exponent of the density around each peak, its mass untouched.
-        scale: factor of the covariance that then comes out.
-        floor_m, floor_rad: standard deviations that are added to it, of x and y and of yaw.
-        degrees_of_freedom: of the Student's t distribution that then has this covariance; more than 2.
-        least_mass: an estimate is ambiguous where its peak has less probability than this.
+        sharpness: exponent of the density around each peak, whose mass stays.
+        scale: factor of the resulting covariance.
+        floor_m, floor_rad: standard deviations added to it, of x and y and of yaw.
+        degrees_of_freedom: of the Student's t distribution with this covariance; more than 2.
+        least_mass: an estimate is ambiguous if its peak has less probability than this.
     """
 
     sharpness: float = 1.0
@@ -66,13 +67,13 @@ class MatcherCalibration(Config):
         )
 
     def covariance(self, covariance: Array) -> Array:
-        """(..., 3, 3): what the posterior's stand for."""
+        """(..., 3, 3) calibrated covariance for the posterior's own."""
         return self.scale * covariance + np.diag(np.square([self.floor_m, self.floor_m, self.floor_rad]))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CalibrationPair:
-    """A validation pair: its posterior as the matcher's scores have it, and the true frame error."""
+    """A validation pair: the uncalibrated posterior, and the true frame error."""
 
     posterior: RefinedPosterior
     theta: SE2
@@ -81,8 +82,8 @@ class CalibrationPair:
 def fitted(readings: Sequence[CalibrationPair]) -> MatcherCalibration:
     """The calibration that fits best.
 
-    First what is ambiguous; of the other pairs then, by likelihood of the truth, the sharpness of the density
-    and the spread of the errors.
+    First the threshold of ambiguity; then, on the other pairs, by likelihood of the truth, the sharpness of
+    the density and the spread of the errors.
     """
     mass_P = np.array([reading.posterior.masses[0] for reading in readings])
     error_P3 = np.array([_error(reading.posterior, reading.theta) for reading in readings])
@@ -102,9 +103,9 @@ def fitted(readings: Sequence[CalibrationPair]) -> MatcherCalibration:
 
 
 def least_trusted_mass(mass_P: Array, wrong_P: Mask) -> float:
-    """The least probability of a peak to be trusted: as few as can be are flagged, enough of the wrong ones.
+    """Least probability of a trusted peak: flags as few pairs as possible, but enough of the wrong ones.
 
-    Where the wrong ones cannot be told without flagging too many, as many are flagged as may be.
+    If the wrong ones cannot be separated without flagging too many, as many are flagged as allowed.
     """
     order = np.argsort(mass_P)
     count = len(order)
@@ -122,7 +123,7 @@ def most_likely_spread(error_P3: Array, covariance_P33: Array) -> MatcherCalibra
 
     Args:
         error_P3: x [m], y [m], yaw [rad] of θ̂⁻¹ θ.
-        covariance_P33: that the matcher gave them.
+        covariance_P33: the matcher's own.
     """
 
     def calibration(logs: Array) -> MatcherCalibration:

@@ -1,4 +1,4 @@
-"""The learned matcher as an estimator of the frame error: a window in, θ̂ and its covariance out.
+"""The learned matcher as an estimator of the frame error: θ̂ and its covariance from a window.
 
 Legend: K peak, H heading, Y X rows and columns of a volume of translations.
 """
@@ -30,13 +30,15 @@ from rendezvous.models.posterior import (
 )
 
 FIRST_LOOK = ((3, math.radians(1.0)), (6, 0.05), (6, 0.05))
-"""Around a coarse peak, along heading, y and x: cells on either side, and their size [rad, m, m]."""
+"""Around a coarse peak, along heading, y and x: number of cells on either side, and their size [rad, m,
+m]."""
 LOOKS = 3
-"""How often a first look may move on after a peak that lies on its edge."""
+"""Number of first looks, each centred on the previous one's peak while that lies on its edge."""
 CLOSE_LOOK_CELLS = (4, 5, 5)
 FINEST, COARSEST = (math.radians(0.15), 0.0075, 0.0075), (math.radians(1.0), 0.06, 0.06)
 CELLS_PER_SIGMA = 1.2
-"""The close look: cells on either side, which follow the width that the first look found, within limits."""
+"""The close look: cells on either side; their size follows the width that the first look found, within
+limits."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -44,13 +46,13 @@ class MatcherEstimator:
     """Finds the frame error with a trained `Matcher`.
 
     Attributes:
-        model: in evaluation mode; works where its weights are.
+        model: in evaluation mode; runs on its weights' device.
         search: where to look for θ.
-        priors: what is known of θ before looking at the maps, in w; several are a mixture by their weights.
-        peaks: how many peaks of the coarse volume are looked at closely at most.
-        negligible: peaks are left out once no more than this probability is left.
+        priors: distribution of θ before comparing the maps, in v; several are a mixture by their weights.
+        peaks: most peaks of the coarse volume to look at closely.
+        negligible: peaks are skipped once no more than this probability is left.
         calibration: how to read the posterior.
-        uses_sight: whether it looks at where the robots stood, where a window tells.
+        uses_sight: whether it uses the robots' positions and sight, where a window has them.
     """
 
     model: Matcher
@@ -63,11 +65,11 @@ class MatcherEstimator:
 
     @property
     def name(self) -> str:
-        """What tables call it."""
+        """The method's name in tables."""
         return "matcher" if self.uses_sight else "matcher-maps"
 
     def __call__(self, window: MapWindow) -> Estimate:
-        """The frame error that the window shows; none where one of the maps shows nothing."""
+        """The frame error; a failure if one of the maps is unknown in the whole window."""
         if not window.cells.any(axis=(1, 2)).all():
             return Estimate(theta=None, reason="a map has nothing known in the window")
         posterior = self.posterior(window)
@@ -84,7 +86,7 @@ class MatcherEstimator:
         """The posterior of θ over the search.
 
         Raises:
-            ConfigError: the window's cells are not of the size that the model was made for.
+            ConfigError: the window's cells do not have the size that the model was trained on.
         """
         config = self.model.config
         if not math.isclose(window.cell_m, config.cell_m):
@@ -117,7 +119,7 @@ class MatcherEstimator:
         )
 
     def _worth_a_look(self, coarse: Posterior) -> tuple[Mode, ...]:
-        """The coarse peaks, as many as leave no more than a negligible probability elsewhere."""
+        """The highest coarse peaks, until no more than a negligible probability is left."""
         modes = coarse.modes(self.peaks)
         before = np.cumsum([0.0, *(mode.mass for mode in modes[:-1])])
         return tuple(m for m, p in zip(modes, before, strict=True) if p <= 1.0 - self.negligible)
@@ -149,7 +151,8 @@ class MatcherEstimator:
         return self._look(features, around.mean, tuple((n, float(size)) for n, size in cells))
 
     def _look(self, features: Features, centre: SE2, cells: tuple[tuple[int, float], ...]) -> Posterior:
-        """Scores on a grid around a centre; cells along heading, y and x: how many each way, of what size."""
+        """Scores on a grid around a centre; `cells` gives the number on either side and the size, for
+        heading, y and x."""
         middle = (centre.yaw_rad, centre.y_m, centre.x_m)
         headings, ys_m, xs_m = (
             at + size * np.arange(-n, n + 1, dtype=np.float64)
@@ -161,12 +164,12 @@ class MatcherEstimator:
         return replace(volume, log_p_HYX=volume.log_p_HYX + self._log_prior(volume))
 
     def _sharpened(self, volume: Posterior) -> Posterior:
-        """A close look, read as the calibration says; the priors in it stay as wide as they are."""
+        """A close look with the calibrated sharpness; the priors in it keep their width."""
         prior = self._log_prior(volume)
         return replace(volume, log_p_HYX=self.calibration.sharpness * (volume.log_p_HYX - prior) + prior)
 
     def _log_prior(self, volume: Posterior) -> Array | float:
-        """(H, Y, X), or 0 where nothing is known beforehand."""
+        """(H, Y, X), or 0 without priors."""
         if not self.priors:
             return 0.0
         return log_prior(self.priors, volume.headings_rad, volume.ys_m, volume.xs_m)
@@ -175,7 +178,7 @@ class MatcherEstimator:
         return torch.from_numpy(cells)[None].to(self.model.carried_weight.device)
 
     def _tensor(self, values: Array) -> Tensor:
-        """Values of the one pair, where the model's weights are."""
+        """Values of a single pair, on the model's device."""
         return torch.from_numpy(values)[None].to(self.model.carried_weight)
 
 

@@ -1,8 +1,8 @@
-"""What trains the matcher: cross-entropy of its volumes of scores against the true frame error.
+"""The matcher's loss: cross-entropy of its volumes of scores against the true frame error.
 
-Neither volume is evaluated everywhere. Headings are dense around the truth and sparse elsewhere, each weighed
-by the width it stands for, so that the sum over them still estimates the sum over all. They go round the
-whole circle: one matcher serves every search.
+Neither volume is evaluated everywhere. Headings are dense around the truth and sparse elsewhere, each
+weighted by the width it stands for, so that the sum over them still estimates the sum over all. They cover
+the whole circle: one matcher serves every search.
 
 Legend: B pair, L layer (cells, then sight), H heading, K candidate (the truth first), Y X rows and columns of
 a volume of translations.
@@ -23,19 +23,19 @@ from rendezvous.models.matcher import Features, Matcher
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LossSampling:
-    """Where the loss looks.
+    """Where the loss evaluates scores.
 
     Attributes:
-        turned_share: of the pairs, map 1 is turned by one, two or three quarters more, and θ with it: else
-            scores would be sharp only at the headings that the samples are drawn from.
+        turned_share: share of pairs whose map 1, and θ with it, is turned by one to three more quarters;
+            otherwise scores would be sharp only at the headings that the samples are drawn from.
         xy_m: half width of the coarse volume; no true translation may be longer along an axis.
-        near_steps: coarse headings on either side of the truth.
-        far_headings: headings in the rest of the circle, one in each equal part of it.
-        candidates: volumes that are looked at closely: the truth, and the highest peaks elsewhere.
-        apart_m, apart_rad: how far another peak is from the truth and from the others.
+        near_steps: number of coarse headings on either side of the truth.
+        far_headings: number of headings in the rest of the circle, one in each equal part of it.
+        candidates: number of close looks: at the truth, and at the highest peaks elsewhere.
+        apart_m, apart_rad: distance of another peak from the truth and from the others.
         fine_step_m, fine_steps: translations of a close look, on either side of its centre.
-        fine_offsets_rad: its headings, from its centre.
-        off_centre_m, off_centre_rad: how far the truth may lie from the centre of its own close look.
+        fine_offsets_rad: its headings, relative to its centre.
+        off_centre_m, off_centre_rad: largest distance of the truth from the centre of its own close look.
     """
 
     turned_share: float = 0.5
@@ -56,7 +56,7 @@ class LossSampling:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Volume:
-    """Scores of some θ of each pair, on axes of its own."""
+    """Scores of some θ of each pair, each on its own axes."""
 
     scores_BHYX: Tensor
     heading_BH_rad: Tensor
@@ -75,13 +75,13 @@ def matcher_loss(
     """The loss, and its parts.
 
     Args:
-        model: what is trained.
+        model: the matcher in training.
         cells_BMNN, sight_BMNN: as `Matcher.features` takes them.
         theta_B3: true frame errors: x [m], y [m], yaw [rad].
-        sampling: where to look.
+        sampling: where to evaluate scores.
 
     Raises:
-        ConfigError: a θ lies outside the volume that is scored.
+        ConfigError: a θ lies outside the scored volume.
     """
     if float(theta_B3[:, :2].abs().amax()) > sampling.xy_m:
         raise ConfigError(
@@ -107,7 +107,7 @@ def matcher_loss(
 def _quarter_turned(
     layers_BLMNN: Tensor, theta_B3: Tensor, share: float, draw: torch.Generator
 ) -> tuple[Tensor, Tensor]:
-    """Map 1 of some pairs turned about the window's centre, which loses no cell, and what θ then is."""
+    """Map 1 of some pairs turned about the window's centre, which loses no cell, and the resulting θ."""
     B = len(theta_B3)
     quarters_B = torch.randint(1, 4, (B,), generator=draw) * (torch.rand(B, generator=draw) < share)
     # Rows grow with y, so this way round is the positive one.
@@ -123,7 +123,7 @@ def _quarter_turned(
 def _coarse_volume(
     model: Matcher, features: Features, theta_B3: Tensor, sampling: LossSampling, draw: torch.Generator
 ) -> tuple[Volume, Tensor]:
-    """The coarse volume at some headings, and the log of the steps that each heading stands for."""
+    """The coarse volume at some headings, and the log of the number of steps that each heading stands for."""
     step, near, far = model.config.heading_step_rad, sampling.near_steps, sampling.far_headings
     B, device = len(theta_B3), theta_B3.device
     jitter = torch.rand(B, 4 + far, generator=draw).to(device)
@@ -166,7 +166,7 @@ def _fine_loss(
     theta_B3: Tensor,
     sampling: LossSampling,
 ) -> tuple[Tensor, Tensor]:
-    """Cross-entropy over all candidates' close looks together, and the share that the true one gets."""
+    """Cross-entropy over all candidates' close looks together, and the share of the true one."""
     K = centre_BK3.shape[1]
     offsets = centre_BK3.new_tensor(sampling.fine_offsets_rad)
     H = len(offsets)
@@ -201,7 +201,7 @@ def carried_scores(coarse: Volume, centre_BK3: Tensor, model: Matcher) -> Tensor
 def _cross_entropy(
     volume: Volume, theta_B3: Tensor, log_width_H: Tensor, sigmas: tuple[float, float]
 ) -> Tensor:
-    """(B,): against a narrow Gaussian around the truth; sigmas in heading [rad] and in translation [m]."""
+    """(B,) against a narrow Gaussian around the truth; sigmas in heading [rad] and in translation [m]."""
     log_p = functional.log_softmax((volume.scores_BHYX + log_width_H[:, None, None]).flatten(1), 1)
     turn, y, x = _offsets(volume, theta_B3[:, None])
     target = (
@@ -213,14 +213,14 @@ def _cross_entropy(
 
 
 def _within(volume: Volume, centre_BK3: Tensor, half_rad: float, half_m: float) -> Tensor:
-    """(B, K, H, Y, X) bool: which cells lie in the box around each centre."""
+    """(B, K, H, Y, X) bool: the cells in the box around each centre."""
     turn, y, x = _offsets(volume, centre_BK3)
     in_heading, in_y, in_x = turn.abs() < half_rad, y.abs() < half_m, x.abs() < half_m
     return in_heading[..., :, None, None] & in_y[..., None, :, None] & in_x[..., None, None, :]
 
 
 def _offsets(volume: Volume, centre_BK3: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """(B, K, H), (B, K, Y), (B, K, X): each axis from each centre, headings in [-pi, pi)."""
+    """(B, K, H), (B, K, Y), (B, K, X): each axis relative to each centre, headings in [-pi, pi)."""
     turn = volume.heading_BH_rad[:, None] - centre_BK3[..., 2:]
     turn = torch.remainder(turn + math.pi, 2.0 * math.pi) - math.pi
     return turn, volume.y_BY_m[:, None] - centre_BK3[..., 1:2], volume.x_BX_m[:, None] - centre_BK3[..., :1]

@@ -16,13 +16,13 @@ from numpy.typing import NDArray
 from rendezvous.alignment.window import SearchRange
 from rendezvous.geometry.se2 import SE2, Array, wrap_angle
 
-Box = tuple[float, float]
-"""Half widths in x and y [m] and in heading [rad]."""
+HalfWidths = tuple[float, float]
+"""Half widths of a box in x and y [m] and in heading [rad]."""
 
-PEAK_BOX: Box = (0.5, math.radians(7.5))
-"""Two peaks closer than this are one; what lies within it of a peak is that peak's."""
+PEAK_BOX: HalfWidths = (0.5, math.radians(7.5))
+"""Two peaks closer than this are one; the cells within it belong to the peak."""
 
-WHOLE: Box = (math.inf, math.inf)
+WHOLE: HalfWidths = (math.inf, math.inf)
 """The box that holds a whole volume."""
 
 
@@ -33,7 +33,7 @@ class Gaussian:
     Attributes:
         mean: its centre.
         covariance: (3, 3) of the components of `mean⁻¹ θ`.
-        weight: its part of a mixture, positive; the parts need not sum to 1.
+        weight: in a mixture, positive; weights need not sum to 1.
     """
 
     mean: SE2
@@ -41,12 +41,13 @@ class Gaussian:
     weight: float = 1.0
 
     def through_cells(self, cell_m: float, cell_rad: float) -> Gaussian:
-        """The same as cells of this size show it: even where it is narrower than one, one of them gets it."""
+        """The distribution as cells of this size show it: one narrower than a cell still falls into one of
+        them."""
         cell = np.diag([cell_m**2, cell_m**2, cell_rad**2]) / 12.0
         return replace(self, covariance=self.covariance + cell)
 
     def search(self, *, sigmas: float = 3.5) -> SearchRange:
-        """The search around zero that reaches that many standard deviations from the mean."""
+        """The search around zero that reaches this many standard deviations from the mean."""
         R = SE2(0.0, 0.0, self.mean.yaw_rad).matrix()
         x, y, yaw = np.sqrt(np.diag(R @ self.covariance @ R.T)) * sigmas
         return SearchRange(
@@ -76,8 +77,8 @@ class Posterior:
         headings_rad: (H,) evenly spaced; the last may be a step before the first, all the way round.
         ys_m: (Y,) evenly spaced.
         xs_m: (X,) evenly spaced.
-        log_p_HYX: log of the probability of each cell. Their sum is 1, unless said otherwise: scores that are
-            not normalised yet, or what is left of a posterior without one of its peaks.
+        log_p_HYX: log of the probability of each cell. They sum to 1, except in scores that are not
+            normalised yet and in the rest of a posterior without one of its peaks.
     """
 
     headings_rad: Array
@@ -100,8 +101,8 @@ class Posterior:
         turn, y, x = (float(axis[1] - axis[0]) for axis in (self.headings_rad, self.ys_m, self.xs_m))
         return turn, y, x
 
-    def modes(self, count: int, *, box: Box = PEAK_BOX) -> tuple[Mode, ...]:
-        """The highest peaks that lie apart, highest first; fewer where the volume is used up.
+    def modes(self, count: int, *, box: HalfWidths = PEAK_BOX) -> tuple[Mode, ...]:
+        """The highest peaks that lie apart, highest first; fewer if the volume is used up.
 
         Each peak takes all cells within the box around it, so a shoulder is no second mode.
         """
@@ -117,14 +118,14 @@ class Posterior:
             log_p[near] = -np.inf
         return tuple(found)
 
-    def mean_and_covariance(self, mode: Mode, *, box: Box = PEAK_BOX) -> Gaussian:
-        """The first two moments of what lies in the box around a mode."""
+    def mean_and_covariance(self, mode: Mode, *, box: HalfWidths = PEAK_BOX) -> Gaussian:
+        """The first two moments of the cells in the box around a mode."""
         moments = self.moments(mode.peak, box=box)
         R_back = SE2(0.0, 0.0, -moments.mean.yaw_rad).matrix()
         return replace(moments, covariance=R_back @ moments.covariance @ R_back.T)
 
-    def moments(self, centre: SE2, *, box: Box) -> Gaussian:
-        """As `mean_and_covariance`, but with the covariance along the axes of the grid.
+    def moments(self, centre: SE2, *, box: HalfWidths) -> Gaussian:
+        """Like `mean_and_covariance`, but with the covariance along the axes of the grid.
 
         Each cell counts as spread over its own width, so that no spread is below step² / 12.
         """
@@ -140,7 +141,7 @@ class Posterior:
         theta = SE2(mean[0], mean[1], wrap_angle(centre.yaw_rad + mean[2]))
         return Gaussian(mean=theta, covariance=spread)
 
-    def ambiguous(self, threshold: float, *, box: Box = PEAK_BOX) -> bool:
+    def ambiguous(self, threshold: float, *, box: HalfWidths = PEAK_BOX) -> bool:
         """Whether a second, distinct peak has at least this share of the first one's mass."""
         first, *others = self.modes(2, box=box)
         return bool(others) and others[0].mass >= threshold * first.mass
@@ -148,8 +149,8 @@ class Posterior:
     def log_density(self, theta: SE2) -> float:
         """Log of the probability density at θ [1 / (m² rad)]; -inf outside the grid.
 
-        Trilinear between the cells' centres, falling to zero one step beyond the outermost: it integrates
-        to 1.
+        Trilinear between the cells' centres, falling to zero one step beyond the outermost: it integrates to
+        1.
         """
         density = 1.0 / math.prod(self.steps)
         h, wh = _hat(self.headings_rad, theta.yaw_rad, self.steps[0], circle=True)
@@ -166,7 +167,7 @@ class Posterior:
         return SE2(float(self.xs_m[x]), float(self.ys_m[y]), wrap_angle(float(self.headings_rad[h])))
 
     def middle(self) -> SE2:
-        """The frame error of the cell in the middle."""
+        """The frame error of the middle cell."""
         return self.theta_at([size // 2 for size in self.log_p_HYX.shape])
 
     def holds(self, theta: SE2) -> bool:
@@ -188,19 +189,19 @@ class Posterior:
         """This posterior times a normal prior, normalised again.
 
         Args:
-            priors: several stand for their mixture, each by its weight: a pose estimator that may have seen
-                the robot the wrong way round, say.
+            priors: several are a mixture by their weights: for a pose estimator that may have flipped the
+                robot, say.
         """
         log_p = self.log_p_HYX + log_prior(priors, self.headings_rad, self.ys_m, self.xs_m)
         return replace(self, log_p_HYX=log_p).normalised()
 
-    def without(self, theta: SE2, *, box: Box = PEAK_BOX) -> Posterior:
-        """What is left outside the box around θ, not normalised again."""
+    def without(self, theta: SE2, *, box: HalfWidths = PEAK_BOX) -> Posterior:
+        """The rest outside the box around θ, not normalised again."""
         log_p = self.log_p_HYX.copy()
         log_p[np.ix_(*self._near(theta, box))] = -np.inf
         return replace(self, log_p_HYX=log_p)
 
-    def _near(self, theta: SE2, box: Box) -> tuple[NDArray[np.int64], ...]:
+    def _near(self, theta: SE2, box: HalfWidths) -> tuple[NDArray[np.int64], ...]:
         """Indices of the headings, ys and xs within the box around θ."""
         half_m, half_rad = box
         return (
@@ -211,18 +212,18 @@ class Posterior:
 
 
 COARSE_SHARE = 0.01
-"""A close look ends somewhere, a truth may lie beyond: this much of the density is the coarse posterior's."""
+"""Share of the density that is the coarse posterior's: a truth may lie beyond the end of a close look."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RefinedPosterior:
-    """A mixture of close looks at the peaks of a coarse posterior, and of what is left of it.
+    """A posterior that is fine around its peaks and coarse elsewhere.
 
     Attributes:
         coarse: over the whole search.
-        pieces: around each peak, normalised each, the most probable first.
+        pieces: close looks at each peak, each normalised, the most probable first.
         masses: (K,) their probabilities.
-        rest: the coarse posterior away from all peaks; its sum and the masses' make 1.
+        rest: the coarse posterior away from all peaks; its sum and the masses add up to 1.
     """
 
     coarse: Posterior
@@ -231,7 +232,7 @@ class RefinedPosterior:
     rest: Posterior
 
     def sharpened(self, sharpness: float) -> RefinedPosterior:
-        """Each piece's density to this power, and normalised again; its mass stays."""
+        """Each piece's density to this power, normalised again; its mass stays."""
         pieces = (replace(p, log_p_HYX=sharpness * p.log_p_HYX).normalised() for p in self.pieces)
         return replace(self, pieces=tuple(pieces))
 
@@ -250,7 +251,7 @@ class RefinedPosterior:
 
 
 def log_prior(priors: Sequence[Gaussian], headings_rad: Array, ys_m: Array, xs_m: Array) -> Array:
-    """(H, Y, X): log of a mixture of normal densities at each cell of a grid, but for a constant."""
+    """(H, Y, X): log of a mixture of normal densities at each cell of a grid, up to a constant."""
     logs = []
     for prior in priors:
         x = xs_m - prior.mean.x_m
@@ -266,7 +267,7 @@ def log_prior(priors: Sequence[Gaussian], headings_rad: Array, ys_m: Array, xs_m
 
 
 def _hat(axis: Array, value: float, step: float, *, circle: bool) -> tuple[NDArray[np.int64], Array]:
-    """Which of the axis' values lie within a step of this one, and their weights in linear interpolation."""
+    """Indices of the axis' values within a step of this one, and their weights in linear interpolation."""
     distance = np.abs(_wrapped(axis - value) if circle else axis - value)
     near = np.flatnonzero(distance < step)
     return near, 1.0 - distance[near] / step

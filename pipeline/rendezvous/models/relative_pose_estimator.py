@@ -1,7 +1,7 @@
-"""The relative-pose network as an estimator: where robot 1 is in an image, then a close look at it.
+"""The relative-pose network as an estimator: finds robot 1 in an image, then looks at it closely.
 
-First looks show the whole image small, and smaller still for a robot that is near. What looks like a robot
-there gets a close look, scaled so that the robot has the size at which the network measures best.
+First looks show the whole image small, and smaller still for a near robot. Candidates found there get a close
+look, scaled so that the robot has the size at which the network measures best.
 
 Legend: B looks, H W rows and columns of an input, h w of the maps.
 """
@@ -29,19 +29,19 @@ from rendezvous.pose_estimation.pose_calibration import LEAST_READING_MASS, Pose
 from rendezvous.pose_estimation.pose_estimate import PoseMode, RelativePose
 
 FIRST_FOCAL_PX = (308.0, 154.0)
-"""Focal lengths of the first looks: all distances of a sighting give a robot of 10 to 140 px in one of
-them."""
+"""Focal lengths of the first looks: at every distance of a sighting, the robot spans 10 to 140 px in one
+of them."""
 CANDIDATES = 3
-_LEAST_SCORE = 0.03
-"""Mean height of a candidate's nine peaks in a first look."""
+_LEAST_CANDIDATE_HEIGHT = 0.03
+"""Least mean height of a candidate's nine peaks in a first look."""
 _WELL_CENTRED_SHARE, _WELL_SCALED = 0.15, 1.3
-"""A close look is good whose robot is no farther from the middle, as a share of the input, and no larger or
-smaller by a factor; otherwise another one is taken."""
+"""A close look is good if its robot is no further from the middle than this share of the input, and off in
+size by less than this factor; otherwise another one is taken."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CloseLook:
-    """What the network was trained to measure on.
+    """The inputs on which the network was trained to measure.
 
     Attributes:
         input_px: side of the square input.
@@ -56,13 +56,13 @@ class CloseLook:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Looked:
-    """What the network says of one look.
+    """The network's output for one look.
 
     Attributes:
         look: the part of the image.
         belief_9hw: belief maps.
         peaks: their maxima.
-        cuboids: which belong together, the one with the most belief first.
+        cuboids: peaks that belong together, the one with the most belief first.
     """
 
     look: Look
@@ -73,11 +73,11 @@ class Looked:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Detection:
-    """What looks most like the robot.
+    """The place in the image that looks most like the robot.
 
     Attributes:
         looks: close looks at it.
-        readings: of these, the most probable first; none where no pose fits.
+        readings: poses read from them, the most probable first; empty if no pose fits.
     """
 
     looks: tuple[Looked, ...]
@@ -86,15 +86,15 @@ class Detection:
 
 @dataclass(frozen=True, kw_only=True)
 class RelativePoseEstimator:
-    """Reads the relative pose of robots from images.
+    """Estimates the relative pose of a robot from an image.
 
     Attributes:
         network: trained, in evaluation mode.
-        robot: that is looked for.
-        close: what the network measures on.
+        robot: the robot to look for.
+        close: the inputs on which the network measures.
         calibration: how sure to be.
-        floor: whether robots stand on one level floor; otherwise poses of six unknowns, as in the paper.
-        looks: how many close looks are taken, each a little shifted and scaled.
+        floor: whether robots stand on one level floor; otherwise poses have six unknowns, as in the paper.
+        looks: number of close looks, each a little shifted and scaled.
     """
 
     network: RelativePoseNet
@@ -105,15 +105,15 @@ class RelativePoseEstimator:
     looks: int = 1
 
     def __call__(self, image: Image, camera: PinholeCamera, T_r0_c: Array) -> RelativePose:
-        """Where robot 1 stands; see `ImagePoseEstimator`."""
+        """Robot 1's pose; see `ImagePoseEstimator`."""
         sighting = ObservationModel(camera=camera, T_r0_c=T_r0_c, robot=self.robot)
         found = self.detection(image, sighting)
         if found is None:
             return RelativePose.not_found("nothing in the image looks like the robot")
-        return self.told(found, sighting)
+        return self.calibrated(found, sighting)
 
-    def told(self, found: Detection, sighting: ObservationModel) -> RelativePose:
-        """The readings as the calibration has them, or why there are none."""
+    def calibrated(self, found: Detection, sighting: ObservationModel) -> RelativePose:
+        """The readings after calibration, or why there are none."""
         calibration = self.calibration
         if not found.readings:
             return RelativePose.not_found("what looks like the robot shows too few points for a pose")
@@ -143,7 +143,7 @@ class RelativePoseEstimator:
         )
 
     def detection(self, image: Image, sighting: ObservationModel) -> Detection | None:
-        """What looks most like the robot; None where nothing does."""
+        """The place that looks most like the robot; None if nothing does."""
         places = self._candidates(image, sighting.camera)
         if not places:
             return None
@@ -159,8 +159,7 @@ class RelativePoseEstimator:
     def readings(
         self, looks: Sequence[Looked], sighting: ObservationModel, noise: KeypointNoise | None = None
     ) -> list[Reading]:
-        """Poses that looks at one robot leave open, with peaks as exact as the calibration or `noise` has
-        it."""
+        """Poses that fit the looks at one robot, with peaks as exact as the calibration, or `noise`, says."""
         evidence = evidence_of(
             [(one.look, one.peaks) for one in looks],
             sigma_cells=self.close.sigma_cells,
@@ -172,7 +171,7 @@ class RelativePoseEstimator:
         return readings_in_space(sighting, evidence, first.look, first.cuboids)
 
     def see(self, image: Image, looks: Sequence[Look]) -> list[Looked]:
-        """What the network says of looks of one size, in one batch."""
+        """The network's output for looks of one size, in one batch."""
         images = np.stack([look.cut(image).transpose(2, 0, 1) for look in looks])
         belief_B9hw, fields_B16hw = self._maps(torch.from_numpy(images))
         found = []
@@ -185,19 +184,19 @@ class RelativePoseEstimator:
 
     @torch.inference_mode()
     def _maps(self, images_B3HW: torch.Tensor) -> tuple[Maps, Maps]:
-        """Of the last stage; in bfloat16, which is three times as fast."""
+        """Maps of the last stage, computed in bfloat16, which is three times as fast."""
         device = next(self.network.parameters()).device
         with torch.autocast(device.type, torch.bfloat16):
             last = self.network(images_B3HW.to(device))[-1]
         return last.belief_B9hw.float().cpu().numpy(), last.fields_B16hw.float().cpu().numpy()
 
     def _candidates(self, image: Image, camera: PinholeCamera) -> list[tuple[Array, float]]:
-        """Middle [px] and larger side [px] of what may be a robot, the likeliest first."""
+        """Middle [px] and larger side [px] of possible robots, the likeliest first."""
         found = []
         for focal_px in FIRST_FOCAL_PX:
             (looked,) = self.see(image, [first_look(camera, focal_px)])
             for cuboid in looked.cuboids:
-                if cuboid.score >= _LEAST_SCORE and np.count_nonzero(cuboid.height_9) > 1:
+                if cuboid.score >= _LEAST_CANDIDATE_HEIGHT and np.count_nonzero(cuboid.height_9) > 1:
                     centre_px = looked.look.to_image(STRIDE_PX * cuboid.centre_cells)
                     found.append((cuboid.score, centre_px, STRIDE_PX * cuboid.span_cells / looked.look.scale))
         kept = list[tuple[Array, float]]()
@@ -216,7 +215,7 @@ class RelativePoseEstimator:
         )
 
     def _better_look(self, look: Look, reading: Reading, camera: PinholeCamera) -> Look | None:
-        """A look at the robot where it was read; None if the look is such a one already."""
+        """A look at the robot where it was read; None if the look is good already."""
         uv_px = self._projected(reading, camera)
         if not np.isfinite(uv_px).all():
             return None
@@ -232,7 +231,7 @@ class RelativePoseEstimator:
 
 
 def first_look(camera: PinholeCamera, focal_px: float) -> Look:
-    """The whole image so that its focal length becomes this; black beyond its right and lower edge."""
+    """The whole image scaled to this focal length; black beyond its right and lower edge."""
     scale = focal_px / camera.fx_px
     width, height = (
         STRIDE_PX * int(np.ceil(scale * side / STRIDE_PX)) for side in (camera.width_px, camera.height_px)
@@ -242,12 +241,12 @@ def first_look(camera: PinholeCamera, focal_px: float) -> Look:
 
 
 def _likeness(looked: Looked) -> float:
-    """How much like one robot it looks."""
+    """Belief in the best cuboid of a look."""
     return max((cuboid.score for cuboid in looked.cuboids), default=0.0)
 
 
 def _shaken(look: Look, count: int) -> list[Look]:
-    """A look and others near it: moved by parts of a cell that it does not see, and scaled a little."""
+    """A look and others near it: moved by parts of a cell, and scaled a little."""
     turns = np.arange(1, count) * 2.4
     shifts = 0.5 * STRIDE_PX * np.stack([np.cos(turns), np.sin(turns)], axis=1)
     scales = 1.0 + 0.06 * np.cos(2.0 * turns)
@@ -267,8 +266,7 @@ def _shaken(look: Look, count: int) -> list[Look]:
 
 
 def _keypoints(looked: Looked, uv_92: Array) -> Array:
-    """(9, 2) [px] of each point's peaks in the image the one that agrees with the pose; NaN where none
-    does."""
+    """(9, 2) [px] in the image: for each point the peak that agrees with the pose; NaN if none does."""
     found = np.full((9, 2), np.nan)
     uv_px = looked.look.to_image(STRIDE_PX * looked.peaks.uv_cells_P2)
     near_px = 2.0 * STRIDE_PX / looked.look.scale

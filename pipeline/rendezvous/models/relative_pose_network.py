@@ -22,22 +22,22 @@ from rendezvous.models.config import Config
 
 BELIEFS, FIELDS = 9, 16
 VGG_MEAN, VGG_STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
-"""Of ImageNet's red, green and blue in [0, 1]: what VGG-19 was trained on."""
+"""Of ImageNet's red, green and blue in [0, 1], on which VGG-19 was trained."""
 _VGG19 = (64, 64, "pool", 128, 128, "pool", 256, 256, 256, 256, "pool", 512, 512)
 _GROUP = 16
-"""Channels that are normalised together."""
+"""Number of channels that are normalised together."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RelativePoseConfig(Config):
-    """What the network is built from.
+    """Shape of the network.
 
     Attributes:
         features: `vgg19`, as published, or `small`.
-        width: channels of the small features at strides 2, 4 and 8 are 1, 2 and 4 times this.
+        width: the small features have 1, 2 and 4 times this many channels at strides 2, 4 and 8.
         blocks: residual blocks of the small features at stride 8.
-        feature_channels: what the stages see of the features.
-        stages: how often belief maps and vector fields are estimated, each time from the ones before.
+        feature_channels: channels of the features that the stages see.
+        stages: number of stages, each estimating belief maps and vector fields from the ones before.
         stage_channels: width of a stage.
         stage_layers: convolutions of the later stages before their 1x1 ones.
         stage_kernel: their size, odd.
@@ -81,7 +81,7 @@ class RelativePoseConfig(Config):
 
 @dataclass(frozen=True, slots=True)
 class StageMaps:
-    """What one stage says.
+    """Output of one stage.
 
     Attributes:
         belief_B9hw: belief maps.
@@ -110,7 +110,7 @@ class RelativePoseNet(nn.Module):
         self.register_buffer("std", torch.tensor(VGG_STD)[:, None, None], persistent=False)
 
     def forward(self, image_B3HW: Tensor) -> list[StageMaps]:
-        """The maps of every stage, the last the best.
+        """The maps of every stage; the last are the best.
 
         Args:
             image_B3HW: uint8 red, green, blue; H and W are multiples of 8.
@@ -159,7 +159,8 @@ def _normalised(inputs: int, outputs: int, *, stride: int = 1, dilation: int = 1
 
 
 def _small_features(config: RelativePoseConfig) -> nn.Sequential:
-    """A cell's features see 231 input pixels with four blocks: the dilations let even a near robot fit in."""
+    """With four blocks a cell's features see 231 input pixels: thanks to the dilations even a near robot
+    fits in."""
     w = config.width
     blocks = [_Block(4 * w, dilation=(1, 2, 4, 2)[k % 4]) for k in range(config.blocks)]
     return nn.Sequential(
@@ -174,7 +175,7 @@ def _small_features(config: RelativePoseConfig) -> nn.Sequential:
 
 
 def _vgg_features(config: RelativePoseConfig) -> nn.Sequential:
-    """VGG-19 up to conv4_2 and its ReLU, numbered as torchvision does, then two convolutions of DOPE's."""
+    """VGG-19 up to conv4_2 and its ReLU, numbered as in torchvision, then two convolutions of DOPE's."""
     layers, channels = list[nn.Module](), 3
     for item in _VGG19:
         if item == "pool":
@@ -203,7 +204,8 @@ def _later_stage(config: RelativePoseConfig, outputs: int) -> nn.Sequential:
 
 
 def _stage(inputs: int, width: int, wide: int, outputs: int, *, layers: int, kernel: int) -> nn.Sequential:
-    """Convolutions, then two of 1x1, as DOPE's; the last starts small, unlike there: targets are mostly 0."""
+    """Convolutions, then two of 1x1, as in DOPE; unlike there the last starts small, because targets are
+    mostly 0."""
     parts = list[nn.Module]()
     for layer in range(layers):
         parts += [

@@ -1,7 +1,7 @@
 """Correlation of two feature grids over SE(2): turn one, slide it over the other in the frequency domain.
 
-Map 1 as placed is `b(θ v) = a(v)` for the true θ = (t, ψ), so the score of (ψ, t) is
-`Σ_p a(R_ψ⁻¹ p) · b(p + t)`: map 0 is turned by ψ, and the slide t is the translation of θ itself.
+Map 1 as placed is `b(θ p) = a(p)` for the true θ = (t, ψ), so the score of (ψ, t) is `Σ_p a(R_ψ⁻¹ p) · b(p +
+t)`: map 0 is turned by ψ, and the slide t is the translation of θ itself.
 
 Legend: B pair, F feature, H heading, Y X rows and columns of a grid or of a volume of slides, N side of the
 FFT, L = N // 2 + 1 its columns that are kept.
@@ -23,7 +23,7 @@ def moved(grid_BFYX: Tensor, heading_BH_rad: Tensor, shift_BH2: Tensor | None = 
     Args:
         grid_BFYX: the grids.
         heading_BH_rad: the headings.
-        shift_BH2: by how much to shift each turned grid along x and y [cells]; not at all by default.
+        shift_BH2: shift of each turned grid along x and y [cells]; none by default.
     """
     B, H = heading_BH_rad.shape
     height, width = grid_BFYX.shape[-2:]
@@ -48,10 +48,10 @@ def scores(
     Args:
         a_BFYX, b_BFYX: features of map 0, and of map 1 as placed.
         heading_BH_rad: the headings.
-        y_BHY, x_BHX: the slides of each heading along both axes [cells], any fraction of one.
-        whole_range: the slides reach to both sides of zero, and room is made for the longest. Else they lie
-            close together, perhaps far away: map 0 is brought there first, which takes a smaller FFT. Only
-            what is within half their spread of the window's edge then wraps around.
+        y_BHY, x_BHX: the slides of each heading along both axes [cells], also between cells.
+        whole_range: the slides reach to both sides of zero, with padding for the longest. Otherwise they lie
+            close together, perhaps far away: map 0 is brought there first, which takes a smaller FFT. Then
+            only cells within half their spread of the window's edge wrap around.
     """
     side = a_BFYX.shape[-1]
     shift_BH2 = torch.zeros(*heading_BH_rad.shape, 2).to(heading_BH_rad)
@@ -72,7 +72,7 @@ def scores(
 def correlation(a_BFHYX: Tensor, b_BFYX: Tensor, y_BHY: Tensor, x_BHX: Tensor, size: int) -> Tensor:
     """(B, H, Y, X): `Σ_p a(p) · b(p + (x, y))` summed over features, at slides of any fraction of a cell.
 
-    Between whole cells it is interpolated as its spectrum says. A slide longer than `size` minus the grids'
+    Between whole cells it is interpolated through its spectrum. A slide longer than `size` minus the grids'
     side wraps around.
 
     Args:
@@ -86,7 +86,7 @@ def correlation(a_BFHYX: Tensor, b_BFYX: Tensor, y_BHY: Tensor, x_BHX: Tensor, s
 
 
 class _Correlation(torch.autograd.Function):
-    """By hand, as both directions can then use real FFTs; what autograd does instead is twice as slow."""
+    """Written by hand, because both directions can then use real FFTs; autograd's are twice as slow."""
 
     @staticmethod
     def forward(ctx: Any, a_BFHYX: Tensor, b_BFYX: Tensor, y_BHY: Tensor, x_BHX: Tensor, size: int) -> Tensor:
@@ -116,13 +116,13 @@ class _Correlation(torch.autograd.Function):
 
 
 def _waves(slides: Tensor, size: int) -> Tensor:
-    """(..., S, N) complex: what each slide of S does to each frequency."""
+    """(..., S, N) complex: phase of each frequency for each of the S slides."""
     frequency = 2.0 * math.pi * torch.fft.fftfreq(size, device=slides.device, dtype=slides.dtype)
     angle = slides[..., None] * frequency
     return torch.polar(torch.ones_like(angle), angle)
 
 
 def fft_size(cells: int) -> int:
-    """The least 2^n or 3 · 2^n that is not below: sides at which an FFT is quick."""
+    """The least 2^n or 3 · 2^n that is not below `cells`: sides at which an FFT is fast."""
     power = 1 << (cells - 1).bit_length()
     return 3 * power // 4 if cells <= 3 * power // 4 else power

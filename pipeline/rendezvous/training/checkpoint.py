@@ -1,6 +1,6 @@
-"""Checkpoints and published weights as bytes: safetensors, with all that is no tensor as JSON in the header.
+"""Checkpoints and published weights as bytes: safetensors, with everything else as JSON in the header.
 
-One file holds it all, so that no kill can leave weights beside another step's record.
+One file holds it all, so that no kill can leave weights beside the record of another step.
 """
 
 from __future__ import annotations
@@ -25,27 +25,28 @@ _PROGRESS = ("step", "samples", "elapsed_s", "loss_sum", "loss_steps")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Checkpoint:
-    """What a file holds.
+    """Contents of a file.
 
     Attributes:
-        record: what was trained on what, and how far; values as JSON holds them.
-        tensors: by name; `model.`, `average.` and `optimizer.` lead in a checkpoint, none in weights.
+        record: model, data, progress and curve; values as JSON holds them.
+        tensors: by name; in a checkpoint names start with `model.`, `average.` or `optimizer.`, in weights
+            not.
     """
 
     record: dict[str, Any]
     tensors: dict[str, Tensor]
 
     def under(self, prefix: str) -> dict[str, Tensor]:
-        """The tensors whose names begin so, by the rest of the name."""
+        """The tensors whose names start with the prefix, by the rest of the name."""
         return {k.removeprefix(prefix): v for k, v in self.tensors.items() if k.startswith(prefix)}
 
 
 def checkpoint_bytes(state: TrainingState[Any], about: Mapping[str, Any]) -> bytes:
-    """All of a run's state.
+    """The whole state of a run.
 
     Args:
         state: between two steps.
-        about: what it trains on what.
+        about: the run's model, data and parameters.
     """
     moments = {
         f"optimizer.{index}.{name}": value
@@ -66,7 +67,7 @@ def read_checkpoint(data: bytes, *, where: str) -> Checkpoint:
     """Inverse of `checkpoint_bytes` and `weights_bytes`.
 
     Raises:
-        StoreError: the file is truncated, or was not written by these.
+        StoreError: the file is truncated, or was written by something else.
     """
     try:
         tensors = safetensors.torch.load(data)
@@ -91,7 +92,7 @@ def with_record(checkpoint: Checkpoint, **told: Any) -> bytes:
 
 
 def restore_in_place(state: TrainingState[Any], checkpoint: Checkpoint, *, where: str) -> None:
-    """Bring a fresh state to where a checkpoint was taken.
+    """Bring a fresh state to the one in a checkpoint.
 
     Raises:
         ConfigError: the weights do not fit the model.
@@ -110,7 +111,7 @@ def restore_in_place(state: TrainingState[Any], checkpoint: Checkpoint, *, where
 
 
 def fit_weights_in_place(model: nn.Module, weights: Mapping[str, Tensor], *, where: str) -> None:
-    """Give a model its weights.
+    """Load weights into a model.
 
     Raises:
         ConfigError: they are another model's; names the first that does not fit.

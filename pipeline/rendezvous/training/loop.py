@@ -1,4 +1,4 @@
-"""The training loop."""
+"""The training loop: AdamW, a learning rate that follows the budget, and a moving average of the weights."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ Model = TypeVar("Model", bound=TrainableModel[Any])
 
 @dataclass(slots=True, kw_only=True)
 class TrainingState(Generic[Model]):
-    """All that changes while a model is trained, and all that a run needs to go on.
+    """Everything that changes during training, and that a run needs to resume.
 
     Attributes:
-        model: what is trained, on the device.
+        model: in training, on the device.
         average: moving average of its weights.
-        optimizer: its moments.
-        step, samples, elapsed_s: how far training has come, over all processes.
+        optimizer: with its moments.
+        step, samples, elapsed_s: progress over all processes.
         loss_sum, loss_steps: of the steps since the last point of the curve.
-        curve: what validations have found.
+        curve: results of the validations.
     """
 
     model: Model
@@ -53,14 +53,14 @@ class TrainingState(Generic[Model]):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Step:
-    """What one step found.
+    """Result of one step.
 
     Attributes:
         loss: mean over all processes.
         figures: of the model, in this process.
-        gradient_norm: before it was clipped.
-        learning_rate: with which the step was made.
-        spent: share of the budget that was spent before it.
+        gradient_norm: before clipping.
+        learning_rate: of this step.
+        spent: share of the budget spent before it.
     """
 
     loss: float
@@ -71,7 +71,7 @@ class Step:
 
 
 class Observer(Protocol[Model]):
-    """Watches: validates, saves, tells."""
+    """Validates, saves and reports."""
 
     def after(self, state: TrainingState[Model], step: Step) -> None:
         """Called after each step, in every process."""
@@ -92,10 +92,10 @@ def fit(
 
     Args:
         state: where to begin; changed in place.
-        batches: those of this process, from number `state.step` on.
-        optimisation: how.
-        budget: how long.
-        seed: of what models draw from PyTorch's generator in a step.
+        batches: of this process, from number `state.step` on.
+        optimisation: its parameters.
+        budget: when to end.
+        seed: of the draws that models make from PyTorch's generator in a step.
         processes: this process among those that train together.
         observer: called after each step.
         clock: time [s] from any origin.
@@ -134,7 +134,7 @@ def fit(
 
 
 class _Loss(nn.Module):
-    """The loss as a forward pass, which is where `DistributedDataParallel` looks on."""
+    """The loss as a forward pass, because `DistributedDataParallel` watches those."""
 
     def __init__(self, model: TrainableModel[Any]) -> None:
         super().__init__()
@@ -157,9 +157,9 @@ def _check_finite(loss: float, norm: float, step: int) -> None:
 
 
 def adamw(model: nn.Module, optimisation: Optimisation) -> torch.optim.AdamW:
-    """AdamW that lets decay only weights of two axes or more: no biases, gains of norms, or scales.
+    """AdamW that decays only weights of two axes or more: no biases, gains of norms, or scales.
 
-    Its rate is set at each step.
+    Its learning rate is set at each step.
     """
     parameters = [p for p in model.parameters() if p.requires_grad]
     groups = [
@@ -170,10 +170,10 @@ def adamw(model: nn.Module, optimisation: Optimisation) -> torch.optim.AdamW:
 
 
 def learning_rate(spent: float, optimisation: Optimisation, *, highest: float) -> float:
-    """The rate once a share of the budget is spent: up a straight line, down half a cosine."""
+    """The rate once a share of the budget is spent: rises along a line, falls along half a cosine."""
     warmup = optimisation.warmup_share
     if spent < warmup:
-        # Time may not have moved yet at the first step, which shall move the weights nevertheless.
+        # Time may not have moved yet at the first step, which must move the weights nevertheless.
         return highest * max(spent / warmup, 1e-3)
     share = (spent - warmup) / (1.0 - warmup)
     final = optimisation.final_share
@@ -182,13 +182,13 @@ def learning_rate(spent: float, optimisation: Optimisation, *, highest: float) -
 
 @torch.no_grad()
 def update_average(average: nn.Module, model: nn.Module, *, step: int, decay: float) -> None:
-    """Move the average towards the model; early on faster, so that the first weights are forgotten.
+    """Move the average towards the model; faster early on, so that the first weights are forgotten.
 
     Args:
         average: changed in place.
         model: after step number `step`, the first being 1.
-        step: how many steps were taken.
-        decay: what is kept of the average at a late step.
+        step: number of steps taken.
+        decay: share of the average that is kept at a late step.
     """
     kept = min(decay, step / (10.0 + step))
     torch._foreach_lerp_(list(average.parameters()), list(model.parameters()), 1.0 - kept)

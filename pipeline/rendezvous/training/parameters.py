@@ -1,4 +1,4 @@
-"""What a training run is set to. Needs no PyTorch: the configuration is read without it."""
+"""Parameters of a training run. Imports no PyTorch: the configuration is read without it."""
 
 from __future__ import annotations
 
@@ -16,9 +16,10 @@ class Sampling:
     """How samples are drawn from pairs.
 
     Attributes:
-        perturbation: how wrong the map transform may be.
-        augmentation: what befalls the maps.
-        sight_withheld: share of samples that do not tell where the robots stood: a model shall do without.
+        perturbation: the range of frame errors.
+        augmentation: defects of the maps.
+        sight_withheld: share of samples without the robots' positions and sight: a model must do without,
+            too.
         window_cells, window_cell_m: cells along a side of the window, and their side.
     """
 
@@ -34,16 +35,16 @@ class Sampling:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Optimisation:
-    """How weights are found: AdamW, a learning rate that rises, then falls along a cosine, a moving average.
+    """AdamW, a learning rate that rises, then falls along a cosine, and a moving average of the weights.
 
     Attributes:
         batch_size: samples of each process in a step.
-        learning_rate: the highest; None for what suits the model.
-        final_share: of it, that is left at the end.
-        warmup_share: of the budget, over which it rises from 0.
+        learning_rate: the highest; None for the one that suits the model.
+        final_share: share of it that is left at the end.
+        warmup_share: share of the budget over which it rises from 0.
         weight_decay: of weights; biases and gains of norms have none.
-        clip_norm: greatest norm of the gradient.
-        ema_decay: of the moving average of the weights, with which is validated and which is published.
+        clip_norm: largest norm of the gradient.
+        ema_decay: of the moving average of the weights, which is validated and published.
         precision: of the forward pass: bfloat16 where that is safe, or float32.
     """
 
@@ -75,7 +76,7 @@ class Budget:
     """When training ends: after so many samples or seconds, whichever comes first.
 
     The learning rate follows the share that is spent. With a bound in seconds it depends on the clock: only a
-    run bounded by samples alone repeats its curve exactly when it was killed and goes on.
+    run bounded by samples alone repeats its curve exactly after a kill.
     """
 
     samples: int | None

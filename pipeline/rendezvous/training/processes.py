@@ -1,4 +1,4 @@
-"""One training run in one process or several: what they share at each step."""
+"""One training run in one process or several: the values they share at each step."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ class Processes:
     """This process among those that train together.
 
     Attributes:
-        rank: its number; the first validates, saves and tells.
-        count: how many there are; with more than one the group of `torch.distributed` has been joined.
-        on_this_machine: how many of them share this machine's cores.
-        device: where its share of a batch is computed.
+        rank: its number; the first validates, saves and reports.
+        count: number of processes; with more than one the group of `torch.distributed` has been joined.
+        on_this_machine: number of them that share this machine's cores.
+        device: on which it computes its share of a batch.
     """
 
     rank: int = 0
@@ -31,7 +31,7 @@ class Processes:
         return self.rank == 0
 
     def synchronised(self, module: nn.Module) -> nn.Module:
-        """The module, whose gradients are means over all processes."""
+        """The module, with gradients averaged over all processes."""
         return DistributedDataParallel(module) if self.count > 1 else module
 
     def mean(self, value: float) -> float:
@@ -43,7 +43,7 @@ class Processes:
         return float(shared) / self.count
 
     def agreed(self, value: float) -> float:
-        """The first process's value: what hangs on a clock must be the same for all."""
+        """The first process's value: what depends on a clock must be the same for all."""
         if self.count == 1:
             return value
         shared = torch.tensor([value], dtype=torch.float64, device=self.device)

@@ -1,4 +1,4 @@
-"""Rows of one split straight from the published shards."""
+"""Rows of one split, read straight from the published shards."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ SPLIT_NAMES = ("train", "validation", "test")
 
 
 class PublishedRows:
-    """The rows of one split; what is compressed stays so until it is asked for.
+    """The rows of one split; compressed columns stay so until they are needed.
 
     Attributes:
         split: its name.
-        table: the columns that are read.
+        table: the columns that were read.
     """
 
     def __init__(self, split: str, table: pa.Table) -> None:
@@ -32,15 +32,15 @@ class PublishedRows:
         return int(self.table.num_rows)
 
     def digest(self) -> str:
-        """Of all that is read, independent of how it is stored."""
+        """Digest of the content, independent of how it is stored."""
         return content_digest(self.table)
 
     def plan_digests(self) -> list[str]:
-        """Of the floor plans that the rows are from, sorted."""
+        """Digests of the rows' floor plans, sorted."""
         return sorted(self.table["plan_digest"].unique().to_pylist())
 
     def seeds(self) -> list[int]:
-        """The root seeds that the rows were made with."""
+        """The root seeds that the rows were made with, sorted."""
         return sorted(self.table["seed"].unique().to_pylist())
 
 
@@ -50,7 +50,7 @@ def read_split(reader: StageReader, kind: str, split: str, *, columns: Sequence[
     Args:
         reader: of the published dataset.
         kind: `pairs` or `poses`.
-        split: of `SPLIT_NAMES`.
+        split: one of `SPLIT_NAMES`.
         columns: their names.
 
     Raises:
@@ -69,7 +69,7 @@ def read_split(reader: StageReader, kind: str, split: str, *, columns: Sequence[
 
 
 def rows_per_split(reader: StageReader, kind: str) -> dict[str, int]:
-    """How many rows each split of the published dataset has, as its manifest tells."""
+    """Number of rows in each split of the published dataset, according to its manifest."""
     counts = dict.fromkeys(SPLIT_NAMES, 0)
     for shard in reader.shards():
         if split := _split_of(shard.name, kind):
@@ -84,7 +84,7 @@ def number_rows(column: pa.ChunkedArray, *, width: int) -> Array:
 
 
 def _split_of(name: str, kind: str) -> str | None:
-    """The split that a file is of; None if it is no file of this kind."""
+    """The split of a file; None if the file is not of this kind."""
     found = re.fullmatch(rf"{kind}/({'|'.join(SPLIT_NAMES)})-[0-9]+-of-[0-9]+\.parquet", name)
     return found[1] if found else None
 

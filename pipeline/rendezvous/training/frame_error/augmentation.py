@@ -1,9 +1,9 @@
-"""Make the maps of a pair look like those that robots bring home.
+"""Make the maps of a pair look like those of real robots.
 
-Simulated maps are clean. Real ones are built of few scans, so that rays leave streaks and wedges; beams pass
-through doors and windows far into the unknown; walls are ragged, thick or missing; things stand in one map
-that had gone before the other; each map is bent a little by its SLAM, and has a resolution of its own. Each
-defect is drawn for each map by itself, except furniture and cuts, which concern both. The label stays.
+Simulated maps are clean. Real ones are built from few scans, so that rays leave streaks and wedges; beams
+pass through doors and windows far into the unknown; walls are ragged, thick or missing; furniture stands in
+one map and was gone before the other; each map is bent a little by its SLAM, and has a resolution of its own.
+Defects are drawn for each map separately, except furniture and cuts, which concern both. The label stays.
 """
 
 from __future__ import annotations
@@ -30,24 +30,25 @@ from rendezvous.training.frame_error.rescan import rescanned, with_spurious_rays
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Augmentation:
-    """How often each defect befalls a pair (furniture, cut) or a map (all others), and how bad it can be.
+    """How often each defect affects a pair (furniture, cut) or a map (all others), and how strong it can
+    be.
 
     Attributes:
         untouched: share of pairs that stay as they are; the shares below are of the others.
-        furniture: things appear in both maps, some in one only.
-        furniture_things: at most so many.
+        furniture: obstacles appear in both maps, some in one only.
+        furniture_things: largest number of them.
         cut: map 0 ends at a line, map 1 at a parallel one, so that little overlap is left.
         cut_overlap_m: least and greatest width of the strip that both keep.
         bend: the map is bent by smooth waves.
         bend_m: their greatest amplitude.
-        resolution: the map comes in cells of another size.
+        resolution: the map is redrawn in cells of another size.
         resolution_m: least and greatest size.
-        rescan: the map is built again of the rays of few scans.
+        rescan: the map is built again from the rays of few scans.
         spurious: fans of rays pass through walls.
         thick: walls grow by one cell to all sides.
         ragged: wall cells are missing, others grown.
-        patches: patches and wedges are unknown.
-        specks: single cells are unknown, or occupied, amid the free.
+        patches: patches and wedges become unknown.
+        specks: single cells amid the free become unknown or occupied.
     """
 
     untouched: float = 0.15
@@ -79,40 +80,42 @@ class Augmentation:
                 )
 
 
-def augmented(pair: MapPair, settings: Augmentation, rng: np.random.Generator) -> MapPair:
+def augmented(pair: MapPair, parameters: Augmentation, rng: np.random.Generator) -> MapPair:
     """The pair with defects drawn for it."""
-    if rng.random() < settings.untouched:
+    if rng.random() < parameters.untouched:
         return pair
     grids = [pair.grid_0, pair.grid_1]
     T_m_m0 = (SE2.identity(), pair.T_m0_m1.inverse())
-    if rng.random() < settings.furniture:
-        obstacles = draw_obstacles(pair, count=int(rng.integers(1, settings.furniture_things + 1)), rng=rng)
+    if rng.random() < parameters.furniture:
+        obstacles = draw_obstacles(pair, count=int(rng.integers(1, parameters.furniture_things + 1)), rng=rng)
         grids = [with_obstacles(grid, obstacles.seen_by(i), T_m_m0[i]) for i, grid in enumerate(grids)]
     meeting = (pair.T_m0_r1, pair.T_m1_r1)
-    grids = [_with_defects(grid, T_m_r1, settings, rng) for grid, T_m_r1 in zip(grids, meeting, strict=True)]
-    if rng.random() < settings.cut:
-        grids = _cut(pair, grids, settings, rng)
+    grids = [
+        _with_defects(grid, T_m_r1, parameters, rng) for grid, T_m_r1 in zip(grids, meeting, strict=True)
+    ]
+    if rng.random() < parameters.cut:
+        grids = _cut(pair, grids, parameters, rng)
     return replace(pair, grid_0=grids[0], grid_1=grids[1])
 
 
 def _with_defects(
-    grid: OccupancyGrid, T_m_r1: SE2, settings: Augmentation, rng: np.random.Generator
+    grid: OccupancyGrid, T_m_r1: SE2, parameters: Augmentation, rng: np.random.Generator
 ) -> OccupancyGrid:
-    """One map with defects of its own, in the order in which a robot would bring them about."""
-    bend_m = settings.bend_m if rng.random() < settings.bend else 0.0
-    coarser = rng.random() < settings.resolution
-    cell_m = float(rng.uniform(*settings.resolution_m)) if coarser else grid.resolution_m
+    """One map with its own defects, in the order in which they arise on a robot."""
+    bend_m = parameters.bend_m if rng.random() < parameters.bend else 0.0
+    coarser = rng.random() < parameters.resolution
+    cell_m = float(rng.uniform(*parameters.resolution_m)) if coarser else grid.resolution_m
     if bend_m or coarser:
         grid = bent(grid, T_m_r1, amplitude_m=bend_m, resolution_m=cell_m, rng=rng)
-    if rng.random() < settings.rescan:
+    if rng.random() < parameters.rescan:
         grid = rescanned(grid, rng)
-    if rng.random() < settings.spurious:
+    if rng.random() < parameters.spurious:
         grid = with_spurious_rays(grid, rng)
     for share, defect in (
-        (settings.thick, thickened),
-        (settings.ragged, ragged),
-        (settings.patches, patched),
-        (settings.specks, specked),
+        (parameters.thick, thickened),
+        (parameters.ragged, ragged),
+        (parameters.patches, patched),
+        (parameters.specks, specked),
     ):
         if rng.random() < share:
             grid = defect(grid, rng)
@@ -120,10 +123,11 @@ def _with_defects(
 
 
 def _cut(
-    pair: MapPair, grids: list[OccupancyGrid], settings: Augmentation, rng: np.random.Generator
+    pair: MapPair, grids: list[OccupancyGrid], parameters: Augmentation, rng: np.random.Generator
 ) -> list[OccupancyGrid]:
-    """Map 0 without what lies beyond a line near the meeting point, map 1 without what is before another."""
-    strip_m, heading_rad = rng.uniform(*settings.cut_overlap_m), rng.uniform(-np.pi, np.pi)
+    """Map 0 without what lies beyond a line near the meeting point, map 1 without what lies before another
+    line."""
+    strip_m, heading_rad = rng.uniform(*parameters.cut_overlap_m), rng.uniform(-np.pi, np.pi)
     meeting = SE2(pair.T_m0_r1.x_m, pair.T_m0_r1.y_m, float(heading_rad))
     share = rng.uniform(0.0, 1.0)
     T_m0_line = meeting @ SE2(float(share * strip_m), 0.0, 0.0)

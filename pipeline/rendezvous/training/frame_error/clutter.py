@@ -14,7 +14,7 @@ from rendezvous.geometry.se2 import SE2, Array
 from rendezvous.training.frame_error.pairs import MapPair
 
 _IN_BOTH = 0.7
-"""Share of obstacles that stand in both maps: the others were moved between the two visits."""
+"""Share of obstacles that stand in both maps; the others were moved between the two visits."""
 
 _ROBOT_RADIUS_M = 0.15
 _SUBPIXEL_BITS = 4
@@ -28,7 +28,7 @@ class Obstacle(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Obstacles:
-    """What stands about, and which maps show it: (N, 2) bool."""
+    """Obstacles, and which maps show them: (N, 2) bool."""
 
     obstacles: tuple[Obstacle, ...]
     shown: np.ndarray[tuple[int, int], np.dtype[np.bool_]]
@@ -39,9 +39,10 @@ class Obstacles:
 
 
 def draw_obstacles(pair: MapPair, *, count: int, rng: np.random.Generator) -> Obstacles:
-    """At most `count` obstacles at free cells of either map, uniform; a third each boxes, round ones, tables.
+    """At most `count` obstacles at free cells of either map, uniform; a third each boxes, round ones,
+    tables.
 
-    None stands on a robot or between the two: they see each other.
+    None stands on a robot or between the two, which see each other.
     """
     places_m0 = [
         T_m0_m @ p_m
@@ -58,7 +59,7 @@ def draw_obstacles(pair: MapPair, *, count: int, rng: np.random.Generator) -> Ob
 
 
 def _in_the_way(obstacle: Obstacle, pair: MapPair) -> bool:
-    """Whether a obstacle is nearer to the line of sight than a robot is wide."""
+    """Whether an obstacle is closer to the line of sight than a robot's radius."""
     seen_m = np.array([pair.T_m0_r1.x_m, pair.T_m0_r1.y_m])
     T_m0_r0 = pair.T_m0_r0 or pair.T_m0_r1
     along_m = seen_m - (T_m0_r0.x_m, T_m0_r0.y_m)
@@ -99,8 +100,7 @@ def _box(length_m: float, width_m: float) -> Array:
 
 
 def with_obstacles(grid: OccupancyGrid, obstacles: tuple[Obstacle, ...], T_m_m0: SE2) -> OccupancyGrid:
-    """The map with the outlines of obstacles occupied and their inside unknown, as far as it is known
-    there."""
+    """The map with the obstacles' outlines occupied and their inside unknown, where the map is known."""
     painted = grid.cells.copy()
     T_g_m0 = grid.T_m_g.inverse() @ T_m_m0
     for obstacle in obstacles:

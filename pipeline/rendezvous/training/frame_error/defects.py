@@ -1,4 +1,5 @@
-"""Defects of one map: bent by its SLAM, in other cells, thick or ragged walls, holes, patches, an end."""
+"""Defects of one map: bent by its SLAM, redrawn in other cells, thick or ragged walls, holes, patches, an
+end."""
 
 from __future__ import annotations
 
@@ -20,12 +21,13 @@ _CROSS = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
 def bent(
     grid: OccupancyGrid, T_m_fixed: SE2, *, amplitude_m: float, resolution_m: float, rng: np.random.Generator
 ) -> OccupancyGrid:
-    """The map bent by smooth waves and drawn in cells of another size, which lie otherwise; no wall is lost.
+    """The map bent by smooth waves and redrawn in cells of another size on a shifted grid; no wall is
+    lost.
 
     Waves run along each axis and move cells across it; their length is uniform from 2 m to 8 m, and their
-    amplitudes are uniform and sum to at most `amplitude_m`, less what they come to at `T_m_fixed`: what lies
-    there stays, as it is there that the label of a pair is exact. Where the new cells begin is uniform within
-    an old one: without that, a move of less than half a cell would change nothing.
+    amplitudes are uniform and sum to at most `amplitude_m`. Their value at `T_m_fixed` is subtracted, so that
+    nothing moves there, where the label of a pair is exact. The new grid starts at a uniform place within an
+    old cell: otherwise a move of less than half a cell would change nothing.
     """
     ratio = resolution_m / grid.resolution_m
     phase = rng.random(2)
@@ -44,7 +46,7 @@ def bent(
 def _waves(
     cells: int, still_m: float, amplitude_cells: float, resolution_m: float, rng: np.random.Generator
 ) -> Array:
-    """(cells,) displacement [cells] along one axis, none at one place on it."""
+    """(cells,) displacement [cells] along one axis, zero at one place on it."""
     place_m = np.append(resolution_m * (np.arange(cells) + 0.5), still_m)
     waves = [
         rng.uniform(0.0, amplitude_cells / _WAVES)
@@ -77,14 +79,15 @@ def _resample_in_place(out: Cells, source: Cells, ratio: float, row_moves: Array
 
 
 def thickened(grid: OccupancyGrid, rng: np.random.Generator) -> OccupancyGrid:
-    """Walls one cell thicker on both sides, or on one that is drawn."""
+    """Walls one cell thicker on both sides, or only on one."""
     kernel = _CROSS if rng.random() < 0.5 else np.ones((2, 2), np.uint8)
     occupied = cv2.dilate(grid.occupied().astype(np.uint8), kernel)
     return replace(grid, cells=np.where(occupied > 0, np.uint8(OCCUPIED), grid.cells))
 
 
 def ragged(grid: OccupancyGrid, rng: np.random.Generator) -> OccupancyGrid:
-    """Wall cells dropped and cells beside them grown; some stretches of wall suffer much more than others."""
+    """Wall cells dropped and neighbours of wall cells grown; some stretches of wall suffer much more than
+    others."""
     cells = grid.cells.copy()
     blocks = tuple(n // _BLOCK_CELLS + 1 for n in cells.shape)
     # A fifth of the blocks loses most of its wall: glass, shiny surfaces, low things seen now and then.
@@ -109,7 +112,7 @@ def _wear_in_place(out: Cells, source: Cells, drop: Array, grow: float, rng: np.
 
 
 def patched(grid: OccupancyGrid, rng: np.random.Generator) -> OccupancyGrid:
-    """One to five patches unknown: discs of 0.2 to 1 m, and triangles that look like a missing wedge."""
+    """One to five patches become unknown: discs of 0.2 to 1 m, and triangles like a missing wedge."""
     cells = grid.cells.copy()
     height, width = cells.shape
     for _ in range(int(rng.integers(1, 6))):
@@ -126,7 +129,7 @@ def patched(grid: OccupancyGrid, rng: np.random.Generator) -> OccupancyGrid:
 
 
 def specked(grid: OccupancyGrid, rng: np.random.Generator) -> OccupancyGrid:
-    """Up to 3 % of the free cells unknown, up to 0.2 % occupied, drawn one by one."""
+    """Up to 3 % of the free cells become unknown, up to 0.2 % occupied, drawn one by one."""
     cells = grid.cells.copy()
     free = np.flatnonzero(cells.ravel() == FREE)
     for value, most in ((UNKNOWN, 0.03), (OCCUPIED, 0.002)):

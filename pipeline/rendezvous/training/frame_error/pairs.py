@@ -1,4 +1,4 @@
-"""Pairs of maps straight from the published shards."""
+"""Pairs of maps, read straight from the published shards."""
 
 from __future__ import annotations
 
@@ -33,15 +33,15 @@ _POSES = ("origin_0", "origin_1", "T_m0_r0", "T_m1_r1", "T_m0_m1_local")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MapPair:
-    """Two maps of one place, and how they lie.
+    """Two maps of one place, and their true alignment.
 
     Attributes:
         pair_id: unique name.
         grid_0, grid_1: each robot's map, in its own frame.
-        T_m0_m1: the true pose of map 1 in map 0, which makes the maps agree where the robots meet.
-        T_m1_r1: where robot 1 stands in its map.
-        T_m0_r0: where robot 0 stands in its map as it sees robot 1; None if that is not known.
-        overlap: |known_0 ∩ known_1| / |known_0 ∪ known_1| of the maps as they are stored.
+        T_m0_m1: the true pose of map 1 in map 0, under which the maps agree where the robots meet.
+        T_m1_r1: robot 1's pose in its map.
+        T_m0_r0: robot 0's pose in its map when it sees robot 1; None if unknown.
+        overlap: |known_0 ∩ known_1| / |known_0 ∪ known_1| of the stored maps.
     """
 
     pair_id: str
@@ -54,12 +54,12 @@ class MapPair:
 
     @property
     def T_m0_r1(self) -> SE2:
-        """Where robot 1 truly stands in map 0: the meeting point."""
+        """Robot 1's true pose in map 0: the meeting point."""
         return self.T_m0_m1 @ self.T_m1_r1
 
 
 class PairTable(PublishedRows):
-    """The pairs of one split. Maps stay compressed (5 kB a pair) and are decoded when they are asked for."""
+    """The pairs of one split. Maps stay compressed (5 kB a pair) and are decoded on access."""
 
     def __init__(self, split: str, table: pa.Table) -> None:
         super().__init__(split, table.combine_chunks())
@@ -90,7 +90,7 @@ class PairTable(PublishedRows):
 
 
 def read_pairs(dataset: StageReader | str | Path, split: str) -> PairTable:
-    """The pairs of one split of the published dataset, such as `data/dataset`.
+    """The pairs of one split of the published dataset.
 
     Raises:
         StoreError: the folder holds no such split, or a file is missing or damaged or lacks a column.
@@ -100,7 +100,7 @@ def read_pairs(dataset: StageReader | str | Path, split: str) -> PairTable:
 
 
 def pairs_per_split(reader: StageReader) -> dict[str, int]:
-    """How many pairs each split of the published dataset has, as its manifest tells."""
+    """Number of pairs in each split of the published dataset, according to its manifest."""
     return rows_per_split(reader, "pairs")
 
 

@@ -1,4 +1,4 @@
-"""Wrong map transforms: drawn anew for each training sample, fixed for validation and the evaluation."""
+"""Wrong map transforms: drawn anew for each training sample, fixed for validation and evaluation."""
 
 from __future__ import annotations
 
@@ -25,11 +25,10 @@ from rendezvous.training.frame_error.pairs import MapPair
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PerturbationRange:
-    """How wrong the map transform may be.
+    """Range of the frame errors that are drawn.
 
-    Of the samples, `wide_share` are drawn from the wide range (for a pose estimator that flips a robot's
-    heading), the others from the range that the paper's Table I implies for a row that failed to learn
-    (0.999 m, 0.964 m, 0.394 rad): U(±2 m, ±2 m, ±π/4). The paper does not state it.
+    A `wide_share` of the samples is drawn from the wide range (for pose estimators that flip a robot's
+    heading), the others from the paper's.
 
     Attributes:
         xy_m, yaw_rad: half widths.
@@ -64,7 +63,7 @@ class PerturbationRange:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Perturbation:
-    """One drawn frame error, and how the window is turned.
+    """A frame error and a heading of the window.
 
     Attributes:
         theta_c: the frame error at the meeting point, in the axes of m0.
@@ -81,7 +80,7 @@ class PerturbedPair:
 
     Attributes:
         window: both maps.
-        theta_v: the frame error in w, which is to be estimated.
+        theta_v: the true frame error in v.
         T_estimated: the wrong `T_m0_m1`.
         T_m0_v: the window frame.
     """
@@ -113,11 +112,11 @@ def perturbed_pair(
     cells: int = WINDOW_CELLS,
     cell_m: float = WINDOW_CELL_M,
 ) -> PerturbedPair:
-    """Place map 1 wrongly and cut the window around where that puts robot 1.
+    """Place map 1 wrongly and draw the window around where that puts robot 1.
 
     Args:
         pair: the maps and their true transform.
-        perturbation: how wrong to be.
+        perturbation: the frame error and the window's heading.
         cells, cell_m: the window's cells along a side, and their side [m].
     """
     T_estimated, T_m0_c = perturbed(pair.T_m0_m1, pair.T_m0_r1, perturbation.theta_c)

@@ -1,4 +1,4 @@
-"""The models that can be trained, by name."""
+"""The trainable models of the frame error, by name."""
 
 from __future__ import annotations
 
@@ -32,16 +32,16 @@ DEFAULT_MODEL = "matcher"
 PAPER_ROWS: dict[str, AblationRow] = {row.name: row for row in ABLATION_ROWS}
 MODEL_NAMES = (DEFAULT_MODEL, *PAPER_ROWS)
 _FIXED = ("vit", "lie", "cell_m")
-"""Of the configurations, what follows from the model's name and from the window."""
+"""Fields of the configs that follow from the model's name and from the window."""
 
 
 def build_model(name: str, settings: Mapping[str, Any], sampling: Sampling, *, seed: int) -> FrameErrorModel:
     """A model with fresh weights, on the CPU.
 
     Args:
-        name: of `MODEL_NAMES`.
-        settings: of its own configuration, those that are not to be the default.
-        sampling: the window that it will look at, and how far off the maps may be.
+        name: one of `MODEL_NAMES`.
+        settings: values of its config that differ from the defaults.
+        sampling: the window, and the range of frame errors.
         seed: of its first weights.
 
     Raises:
@@ -68,15 +68,15 @@ def build_model(name: str, settings: Mapping[str, Any], sampling: Sampling, *, s
 
 
 def rebuilt_model(name: str, config: Mapping[str, Any], sampling: Sampling) -> FrameErrorModel:
-    """The model that weights were trained in, whatever the defaults are by now.
+    """The model of trained weights, whatever the defaults are by now.
 
     Args:
-        name: of `MODEL_NAMES`.
-        config: as `FrameErrorModel.config` gave it.
-        sampling: what it was trained on.
+        name: one of `MODEL_NAMES`.
+        config: from `FrameErrorModel.config`.
+        sampling: the one it was trained with.
 
     Raises:
-        ConfigError: the configuration is not of this model.
+        ConfigError: the config is not of this model.
     """
     if name == DEFAULT_MODEL:
         return MatcherModel(Matcher(MatcherConfig.from_dict(config)), sampling)
@@ -129,7 +129,7 @@ class PaperModel(FrameErrorModel):
         self.network, self.row = network, row
 
     def config(self) -> dict[str, Any]:
-        """Of the network."""
+        """The network's."""
         return self.network.config.as_dict()
 
     def loss(self, batch: Batch) -> tuple[Tensor, dict[str, float]]:
@@ -146,14 +146,14 @@ class PaperModel(FrameErrorModel):
         return found.total, {"error": float(found.error.detach()), "reg": float(found.reg.detach())}
 
     def theta(self, cells_B2NN: Tensor, sight_B2NN: Tensor) -> Tensor:
-        """What the network says, as a pose; it looks at the maps alone."""
+        """The network's output as a pose; it sees the maps alone."""
         config = self.network.config
         xi_B3 = self.network(input_grid(cells_B2NN, cells=config.cells))
         return output_pose(xi_B3, lie_algebra=config.lie)
 
 
 class MatcherModel(FrameErrorModel):
-    """The learned matcher; loss and search reach as far as the samples are off."""
+    """The learned matcher; its loss and search cover the samples' range of frame errors."""
 
     suitable_learning_rate = 6e-3
 
@@ -163,7 +163,7 @@ class MatcherModel(FrameErrorModel):
         self.search = sampling.perturbation.search()
 
     def config(self) -> dict[str, Any]:
-        """Of the network."""
+        """The network's."""
         return self.network.config.as_dict()
 
     def loss(self, batch: Batch) -> tuple[Tensor, dict[str, float]]:

@@ -1,4 +1,4 @@
-"""What a lidar's rays do to a map: streaks and wedges between them, and fans that pass through walls."""
+"""Effects of a lidar's rays on a map: streaks and wedges between them, and fans that pass through walls."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ _MARGIN_M = 2.0
 """How far beyond the map rays may leave traces."""
 
 _HIT_BEYOND = 0.3
-"""Share of the rays through a wall that end at something behind it."""
+"""Share of the rays through a wall that end at an obstacle behind it."""
 
 
 def rescanned(grid: OccupancyGrid, rng: np.random.Generator) -> OccupancyGrid:
     """The map as few scans of it would show it: cells that no ray crosses are unknown.
 
-    Scans: 4 to 16, from free cells; reach uniform from 4 m to 12 m, field of view 180° to 360°, and beams
-    0.35° to 1.5° apart, as lidars on small robots have them. Of the runs of up to ten neighbouring beams, up
-    to 40 % do not come back (dark or shiny surfaces), up to 3 % pass through the wall (glass, a door ajar).
+    4 to 16 scans from free cells; range uniform from 4 m to 12 m, field of view 180° to 360°, beams 0.35° to
+    1.5° apart, as with lidars on small robots. Of the runs of up to ten neighbouring beams, up to 40 % do not
+    come back (dark or shiny surfaces) and up to 3 % pass through the wall (glass, a door ajar).
     """
     starts = _free_cells(grid, int(rng.integers(4, 17)), rng)
     if not len(starts):
@@ -92,7 +92,7 @@ def _through_cells(grid: OccupancyGrid, rng: np.random.Generator) -> float:
 
 
 def _rays(starts: Array, bearings_rad: Array, reach_cells: float, through_cells: Array) -> Array:
-    """(N, 5) row, col, bearing, reach and how far to go on behind a wall [cells]."""
+    """(N, 5) row, col, bearing, range and distance to go on behind a wall [cells]."""
     beams = bearings_rad.shape[1]
     return np.column_stack(
         [
@@ -106,10 +106,10 @@ def _rays(starts: Array, bearings_rad: Array, reach_cells: float, through_cells:
 
 @njit(nogil=True)
 def _trace_in_place(out: Cells, source: Cells, rays: Array, rng: np.random.Generator) -> None:
-    """Mark what each ray crosses as free and what stops it as occupied.
+    """Mark cells that a ray crosses as free and the one that stops it as occupied.
 
-    From cell to cell as in Amanatides & Woo (1987). A ray stops at the source's occupied and unknown
-    cells; one that passes through goes on over any cell.
+    From cell to cell as in Amanatides & Woo (1987). A ray stops at the source's occupied and unknown cells;
+    one that passes through goes on over any cell.
     """
     height, width = source.shape
     for ray in range(rays.shape[0]):

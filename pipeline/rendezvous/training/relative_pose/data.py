@@ -47,7 +47,7 @@ class PoseSample:
 
     Attributes:
         image: (H, W, 3) uint8.
-        uv_px: (9, 2) the cuboid's points in the input; NaN where it is not to show the robot.
+        uv_px: (9, 2) the cuboid's points in the input; NaN in an input without the robot.
         close: whether it is a close look.
     """
 
@@ -57,7 +57,7 @@ class PoseSample:
 
     @property
     def shows_robot(self) -> bool:
-        """Whether the robot is to be found in it."""
+        """Whether the network is to find the robot in it."""
         return bool(np.isfinite(self.uv_px).all())
 
 
@@ -84,7 +84,7 @@ class _Looker:
         return PoseSample(image=look.cut(pose.image), uv_px=look.to_input(pose.uv_px), close=close)
 
     def elsewhere(self, row: int, rng: np.random.Generator) -> PoseSample | None:
-        """A look at the row's image that shows no robot; None if the robot leaves no room for one."""
+        """A look at the row's image without the robot; None if the robot leaves no room for one."""
         pose = self.poses[row]
         seen = pose.uv_px if pose.visibility > 0.0 else np.full((9, 2), np.nan)
         look = draw_look_elsewhere(_size_px(pose), seen, self.sampling, rng)
@@ -106,7 +106,7 @@ class PoseTrainingBatches(NumberedBatches[PoseSample, PoseBatch]):
         self._orders = [EpochOrder(len(rows), seed=seed) for rows in self._rows]
 
     def sample(self, number: int) -> PoseSample:
-        """One sample by its number."""
+        """One augmented look."""
         rng = stream(self.seed, "train", number)
         kind = 0 if rng.random() < self.sampling.plausible_share else 1
         sample = self._look(self._rows[kind][self._orders[kind].row(number)], rng)
@@ -133,13 +133,14 @@ class PoseTrainingBatches(NumberedBatches[PoseSample, PoseBatch]):
 def validation_samples(
     poses: PoseTable, sampling: PoseSampling, *, seed: int, count: int
 ) -> list[PoseSample]:
-    """Looks at images as they are, evenly over the split: at each a close, a wide one and one elsewhere.
+    """Looks at images as they are, evenly spread over the split: at each a close, a wide one and one
+    elsewhere.
 
     Args:
         poses: the split.
         sampling: of looks.
         seed: of the looks.
-        count: at most so many images.
+        count: most images.
     """
     looker = _Looker(poses, sampling)
     samples = list[PoseSample]()
@@ -200,7 +201,7 @@ def _size_px(pose: PoseImage) -> tuple[int, int]:
 
 
 def _box_px(sample: PoseSample) -> Array:
-    """(2, 2) what patches may hide parts of: the robot, or the middle of an input without it."""
+    """(2, 2) box that patches may hide parts of: the robot, or the middle of an input without it."""
     side_px = len(sample.image)
     if not sample.shows_robot:
         return np.array([[0.25 * side_px] * 2, [0.75 * side_px] * 2])

@@ -12,7 +12,7 @@ from rendezvous.training.relative_pose.sampling import PoseSampling
 
 _TRIES = 20
 _MARGIN = 0.1
-"""Of the robot's span: what a look that misses it stays away from its cuboid's points."""
+"""Distance that a look elsewhere keeps from the cuboid's points, as a share of the robot's span."""
 
 
 def span_px(uv_px: Array) -> float:
@@ -23,7 +23,7 @@ def span_px(uv_px: Array) -> float:
 def draw_wide_look(
     size_px: tuple[int, int], uv_px: Array, sampling: PoseSampling, rng: np.random.Generator
 ) -> Look:
-    """A look that has the centroid anywhere, but little beyond the image: uniform; the span is log-uniform.
+    """A look with the centroid anywhere but little beyond the image: uniform; the span is log-uniform.
 
     Args:
         size_px: the image's width and height.
@@ -38,7 +38,7 @@ def draw_wide_look(
 
 
 def draw_close_look(uv_px: Array, sampling: PoseSampling, rng: np.random.Generator) -> Look:
-    """A look that has the robot's box in the middle, at the span for measuring; both with normal errors.
+    """A look with the robot's box in the middle, at the span for measuring; both with normal errors.
 
     Args:
         uv_px: (9, 2) the cuboid's points in the image.
@@ -56,7 +56,7 @@ def draw_look_elsewhere(
 ) -> Look | None:
     """A look around a uniform place of the image that misses the robot; its scale is log-uniform.
 
-    Every other one keeps on the image as far as it can.
+    Every other one stays on the image as far as possible.
 
     Args:
         size_px: the image's width and height.
@@ -65,7 +65,7 @@ def draw_look_elsewhere(
         rng: draws.
 
     Returns:
-        None where the robot leaves hardly room for one.
+        None where the robot leaves hardly any room for one.
     """
     margin_px = _MARGIN * span_px(uv_px)
     low, high = uv_px.min(axis=0) - margin_px, uv_px.max(axis=0) + margin_px
@@ -81,7 +81,7 @@ def draw_look_elsewhere(
 
 
 def _kept_on(look: Look, size_px: tuple[int, int]) -> Look:
-    """The look moved so that it shows nothing beyond the image, or all of it where the image is smaller."""
+    """The look moved so that it shows nothing beyond the image, or the whole image if that is smaller."""
     offset_px = []
     for side_px, image_px, offset in zip(
         (look.width_px, look.height_px), size_px, look.offset_px, strict=True

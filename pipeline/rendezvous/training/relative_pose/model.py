@@ -1,4 +1,4 @@
-"""The network of the relative pose as it is trained."""
+"""The network of the relative pose as a trainable model."""
 
 from __future__ import annotations
 
@@ -57,11 +57,11 @@ class PoseModel(TrainableModel[PoseBatch]):
         network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
 
     def config(self) -> dict[str, Any]:
-        """Of the network."""
+        """The network's."""
         return self.network.config.as_dict()
 
     def loss(self, batch: PoseBatch) -> tuple[Tensor, dict[str, float]]:
-        """L_pose of Eq. 4; beside it each stage's mean squared error of belief maps and vector fields."""
+        """L_pose of Eq. 4, and each stage's mean squared error of belief maps and vector fields."""
         maps = self.network(batch["image_B3HW"])
         belief_B9hw, fields_B16hw = batch["belief_B9hw"], batch["fields_B16hw"]
         figures = {}
@@ -83,10 +83,10 @@ def build_pose_model(
     """The network with fresh weights, on the CPU.
 
     Args:
-        settings: of `RelativePoseConfig`, those that are not to be the default.
+        settings: values of `RelativePoseConfig` that differ from the defaults.
         seed: of its first weights.
-        initial_features: VGG-19's, by torchvision's names `features.0.weight`, ...; others are left out.
-        where: these come from, for messages.
+        initial_features: VGG-19's, by torchvision's names `features.0.weight`, ...; others are ignored.
+        where: their file, for messages.
 
     Raises:
         ConfigError: a setting is wrong, or the features do not fit.
@@ -102,7 +102,7 @@ def build_pose_model(
 
 
 def _begin_with_in_place(network: RelativePoseNet, weights: Mapping[str, Tensor], *, where: str) -> None:
-    """Give the convolutions that the network shares with VGG-19 their weights.
+    """Load the weights of the convolutions that the network shares with VGG-19.
 
     Raises:
         ConfigError: the network has features of its own, or a weight is absent or of another shape.

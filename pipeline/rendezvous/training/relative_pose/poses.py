@@ -1,4 +1,4 @@
-"""Images of the robot with its cuboid's points, straight from the published shards."""
+"""Images of the robot with its cuboid's points, read straight from the published shards."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ COLUMNS = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SeenRobotKind:
-    """Which robot the images show.
+    """The robot that the images show.
 
     Attributes:
         name: in its file.
@@ -48,13 +48,13 @@ class SeenRobotKind:
     T_r1_o: tuple[tuple[float, ...], ...]
 
     def as_dict(self) -> dict[str, Any]:
-        """As JSON holds it."""
+        """Values as JSON holds them."""
         return {"name": self.name, "size_m": list(self.size_m), "T_r1_o": [list(r) for r in self.T_r1_o]}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PoseImage:
-    """One image and what it shows.
+    """One image with its labels.
 
     Attributes:
         pose_id: unique name.
@@ -71,7 +71,7 @@ class PoseImage:
 
 
 class PoseTable(PublishedRows):
-    """The images of one split. They stay compressed (100 kB each) and are decoded when they are asked for.
+    """The images of one split. They stay compressed (100 kB each) and are decoded on access.
 
     Attributes:
         visibility: (N,) visible share of the robot.
@@ -111,10 +111,10 @@ class PoseTable(PublishedRows):
         return [int(i) for i in np.nonzero(self.visibility == 0.0)[0]]
 
     def robot(self) -> SeenRobotKind:
-        """The robot that all rows are of.
+        """The robot in all rows.
 
         Raises:
-            StoreError: they are of several.
+            StoreError: there are several.
         """
         names, sizes, poses = (
             self.table["robot"].to_pylist(),
@@ -147,7 +147,7 @@ def read_poses(reader: StageReader, split: str) -> PoseTable:
 
 
 def poses_per_split(reader: StageReader) -> dict[str, int]:
-    """How many images each split of the published dataset has, as its manifest tells."""
+    """Number of images in each split of the published dataset, according to its manifest."""
     return rows_per_split(reader, KIND)
 
 

@@ -1,4 +1,4 @@
-"""How samples are drawn from images of the robot. Needs no PyTorch: the configuration is read without it."""
+"""Parameters of the pose network's samples. Imports no PyTorch: the configuration is read without it."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from rendezvous.pose_estimation.look import STRIDE_PX
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ImageAugmentation:
-    """What befalls an input, beside all that the rendering has drawn already.
+    """Augmentation of an input, beyond the variation of the rendering itself.
 
     Attributes:
         gain: each colour channel's gain is within a factor of 1 plus this.
         offset: of all channels, within ± this share of full brightness.
         gamma: of all channels, within a factor of 1 plus this.
-        grey_share: of inputs that lose their colours.
-        blur_share, blur_px: of inputs that are blurred, and the largest standard deviation.
-        noise_share, noise: of inputs with noise, and its largest standard deviation, of full brightness 1.
-        jpeg_share, least_jpeg_quality: of inputs that are compressed, and how hard at most.
-        patch_share, patches: of inputs with patches that hide something, and how many at most.
+        grey_share: share of inputs that lose their colours.
+        blur_share, blur_px: share of blurred inputs, and the largest standard deviation.
+        noise_share, noise: share of noisy inputs, and the largest standard deviation, of full brightness 1.
+        jpeg_share, least_jpeg_quality: share of compressed inputs, and the lowest quality.
+        patch_share, patches: share of inputs with patches that hide parts, and their largest number.
         patch_size: largest side of a patch, as a share of the robot's span.
     """
 
@@ -57,28 +57,28 @@ class ImageAugmentation:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PoseSampling:
-    """What a network of the relative pose is shown, and what it shall say.
+    """Inputs of the pose network, and their labels.
 
-    A wide look shows the robot anywhere in the input and as little as can be beyond the image's edges, as the
-    search for it does; a close look shows it in the middle at the size at which its keypoints are measured.
+    A wide look shows the robot anywhere in the input and as little as possible beyond the image's edges, as
+    the search for it does; a close look shows it in the middle at the size at which its keypoints are
+    measured.
 
     Attributes:
         input_px: side of the square input, a multiple of 8.
         belief_sigma_cells: standard deviation of a belief map's peak.
-        field_radius_cells: of a vector field's disc.
-        plausible_share: of looks, at images as another robot takes them; the others show the robot at any
-            attitude before anything. Only upright robots are met, and a robot's heading is what is learnt
-            last.
-        least_visibility: with which a robot is labelled; images that show less of it, but some, are left out.
+        field_radius_cells: radius of a vector field's disc.
+        plausible_share: share of looks at images as another robot takes them; the others show the robot at
+            any attitude before any background. Robots only meet upright ones, and the heading is learnt last.
+        least_visibility: of a labelled robot; images that show less of it, but some, are left out.
         least_span_px, greatest_span_px: larger side of the robot's projected cuboid in wide looks;
             log-uniform.
         least_scale, greatest_scale: of a look: input pixels per image pixel, whatever the span would be.
-        close_share: of looks with the robot, that are close.
+        close_share: share of close ones among looks with the robot.
         close_span_px: larger side of its projected cuboid there.
-        close_jitter_px, close_jitter_log: standard deviations of where and how large it truly is there:
-            normal, and normal in the logarithm.
-        absent_share: of looks, without the robot: of an image without it, or of another place of one with it.
-        augmentation: what befalls the input.
+        close_jitter_px, close_jitter_log: standard deviations of its place and of the logarithm of its size
+            there; normal.
+        absent_share: share of looks without the robot: at an image without it, or elsewhere in one with it.
+        augmentation: of the input.
     """
 
     input_px: int = 160

@@ -1,4 +1,4 @@
-"""How far the pose network's belief peaks are off, with the weights that would be published."""
+"""The errors of the pose network's belief peaks on the validation looks, and pictures of them."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from rendezvous.training.relative_pose.model import PoseModel
 from rendezvous.training.relative_pose.sampling import PoseSampling
 
 LEAST_HEIGHT = 0.2
-"""Of a peak that counts as found; the target's is about 1."""
+"""Height of a peak that counts as found; the target's is about 1."""
 _AT_ONCE = 32
 _SHOWN = 12
 _CENTROID = 8
@@ -37,7 +37,7 @@ _ZOOM = 2
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PoseValidation:
-    """Measures networks on looks that stay the same.
+    """Measures networks on fixed looks.
 
     Attributes:
         samples: the looks, at least one of them close.
@@ -51,7 +51,7 @@ class PoseValidation:
 
     @torch.no_grad()
     def figures(self, model: PoseModel) -> dict[str, float | None]:
-        """What a `PosePoint` tells of them, in float32."""
+        """The errors of a `PosePoint`, in float32."""
         losses, distances_px, false = [], list[Array](), list[bool]()
         for samples in self._parts():
             batch = moved(pose_batch(samples, self.sampling), self.device)
@@ -74,7 +74,7 @@ class PoseValidation:
 
     @torch.no_grad()
     def pictures(self, model: PoseModel) -> dict[str, Image]:
-        """The belief maps of some looks, evenly over them."""
+        """The belief maps of some looks, evenly spread."""
         samples = [self.samples[i] for i in evenly_spread(range(len(self.samples)), _SHOWN)]
         beliefs = _beliefs(model, samples, self.device)
         return {"belief_maps": sheet(samples, beliefs, columns=4)}
@@ -106,7 +106,7 @@ def sheet(samples: Sequence[PoseSample], beliefs: Sequence[Maps], *, columns: in
 
     Args:
         samples: inputs of one size.
-        beliefs: (9, h, w) of each: corners are shown yellow, the centroid red; the true cuboid as thin lines.
+        beliefs: (9, h, w) of each: corners are yellow, the centroid red, the true cuboid thin lines.
         columns: of the sheet.
     """
     panels = [_panel(sample, belief) for sample, belief in zip(samples, beliefs, strict=True)]
