@@ -8,16 +8,9 @@ the estimate places it is θ_v applied to map 1 as it should lie. (The letter w 
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from rendezvous.geometry.se2 import SE2
-
-PAPER_XY_M, PAPER_YAW_RAD = 2.0, math.pi / 4.0
-"""The range of frame errors, ±2 m, ±2 m, ±45°. The paper does not state it: it is inferred from the row of
-its Table I that failed to learn (0.999 m, 0.964 m, 0.394 rad), which are the means of a uniform
-distribution."""
 
 
 def initial_alignment(T_m0_r0: SE2, T_r0_r1: SE2, T_m1_r1: SE2) -> SE2:

@@ -12,10 +12,11 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.ndimage import affine_transform
+from skimage.transform import hough_line
 
 from rendezvous.alignment.estimate import Estimate
 from rendezvous.alignment.window import OCCUPIED_CELL, UNKNOWN_CELL, MapWindow, SearchRange
-from rendezvous.compiled import njit
 from rendezvous.geometry.occupancy_grid import Cells
 from rendezvous.geometry.se2 import SE2, Array, wrap_angle
 
@@ -26,30 +27,28 @@ class HoughSpectrum:
 
     Attributes:
         search: half widths; None for every heading and shift, as published.
-        directions: bins of the spectrum over the full turn, which it fills twice.
-        distances: bins of a line's distance from the window's centre.
-        candidates: headings that are tried, the best of the correlation's strict maxima.
+        directions: bins of the spectrum over the full turn, which it fills twice; even.
+        candidates: number of headings to try, the best of the correlation's strict maxima.
         robust_rad: headings this far on either side of each candidate are tried too; 0 for the plain method.
     """
 
     search: SearchRange | None = None
     directions: int = 360
-    distances: int = 256
     candidates: int = 4
     robust_rad: float = math.radians(1.0)
 
     @property
     def name(self) -> str:
-        """Says whether it searches everywhere."""
+        """The method's name in tables, which tells the two apart."""
         return "Hough spectrum" if self.search is None else "Hough spectrum, in range"
 
     def __call__(self, window: MapWindow) -> Estimate:
-        """The frame error; a failure without walls, a heading in the range, or cells that agree."""
+        """The frame error; a failure without walls, without a heading in the range, or if no cells agree."""
         walls_0, walls_1 = (_wall_centres(cells, window.cell_m) for cells in window.cells)
         for channel, walls_m in enumerate((walls_0, walls_1)):
             if len(walls_m) == 0:
                 return Estimate(theta=None, reason=f"map {channel} has no walls in the window")
-        spectrum_0, spectrum_1 = (self._spectrum(walls_m, window) for walls_m in (walls_0, walls_1))
+        spectrum_0, spectrum_1 = (self._spectrum(cells) for cells in window.cells)
         headings_rad = self._headings(spectrum_0, spectrum_1)
         if not headings_rad:
             return Estimate(theta=None, reason="the spectra agree at no heading in the range")
@@ -60,15 +59,16 @@ class HoughSpectrum:
             return Estimate(theta=None, reason="no motion that was tried lets both maps agree on any cell")
         return Estimate(theta=theta.wrapped())
 
-    def _spectrum(self, walls_m: Array, window: MapWindow) -> Array:
-        """(directions,) sum over distance of the squared Hough transform, normalised to 1 in all."""
-        reach_m = window.cell_m * window.cells.shape[1] * math.sqrt(0.5)
-        counts = _hough_transform(walls_m, self.directions, self.distances, reach_m)
-        spectrum: Array = np.square(counts).sum(axis=1) / np.square(counts).sum()
-        return spectrum
+    def _spectrum(self, cells: Cells) -> Array:
+        """(directions,) sum over distance of the squared Hough transform, normalised to a sum of 1."""
+        half_turn = np.arange(self.directions // 2) * 2.0 * math.pi / self.directions
+        lines, _, _ = hough_line(cells == OCCUPIED_CELL, half_turn)
+        spectrum = np.square(lines.astype(np.float64)).sum(axis=0)
+        return np.tile(spectrum, 2) / (2.0 * spectrum.sum())
 
     def _headings(self, spectrum_0: Array, spectrum_1: Array) -> list[float]:
-        """Headings by which map 1 is turned against map 0, the most likely first, then those beside them."""
+        """Headings by which map 1 is turned against map 0, the most likely first, each with those beside
+        it."""
         transform = np.fft.rfft(spectrum_1) * np.fft.rfft(spectrum_0).conj()
         # Rounded, so that the correlation's two equal halves stay equal.
         correlation = np.fft.irfft(transform, self.directions).round(12)
@@ -95,17 +95,24 @@ class HoughSpectrum:
 
 def agreement(window: MapWindow, theta: SE2) -> float:
     """Carpin's acceptance index: agreeing cells / cells known in both maps, once θ is undone; 0 for none."""
-    return _agreement(window.cells, theta.as_array(), window.cell_m)
+    cells_0, cells_1 = window.cells
+    c, s = math.cos(theta.yaw_rad), math.sin(theta.yaw_rad)
+    R_rows_cols = np.array([[c, s], [-s, c]])
+    middle = np.full(2, 0.5 * len(cells_0) - 0.5)
+    offset = middle - R_rows_cols @ middle + np.array([theta.y_m, theta.x_m]) / window.cell_m
+    undone_1 = affine_transform(cells_1, R_rows_cols, offset, order=0, cval=UNKNOWN_CELL)
+    both = (cells_0 != UNKNOWN_CELL) & (undone_1 != UNKNOWN_CELL)
+    return float((cells_0 == undone_1)[both].mean()) if both.any() else 0.0
 
 
 def _wall_centres(cells: Cells, cell_m: float) -> Array:
-    """(P, 2) [m] in w."""
+    """(P, 2) [m] in v."""
     col_row = np.argwhere(cells == OCCUPIED_CELL)[:, ::-1].astype(np.float64)
     return (col_row + 0.5 - 0.5 * len(cells)) * cell_m
 
 
 def _profile_shift(moving_m: Array, fixed_m: Array, cell_m: float, limit_m: float) -> float:
-    """The shift [m] of one set of coordinates that brings its histogram closest to another's."""
+    """The shift [m] of one set of coordinates that brings its histogram closest to the other's."""
     first = min(moving_m.min(), fixed_m.min())
     bins = math.floor((max(moving_m.max(), fixed_m.max()) - first) / cell_m) + 1
     moving, fixed = (
@@ -115,34 +122,3 @@ def _profile_shift(moving_m: Array, fixed_m: Array, cell_m: float, limit_m: floa
     shifts_m = (np.arange(2 * bins - 1) - (bins - 1)) * cell_m
     match = np.where(np.abs(shifts_m) <= limit_m + 1e-9, np.correlate(fixed, moving, mode="full"), -1.0)
     return float(shifts_m[match.argmax()])
-
-
-@njit
-def _hough_transform(walls_m: Array, directions: int, distances: int, reach_m: float) -> Array:
-    """(directions, distances): walls on each line, by the direction of its normal and its distance."""
-    counts = np.zeros((directions, distances))
-    for k in range(directions):
-        angle_rad = k * 2.0 * math.pi / directions
-        c, s = math.cos(angle_rad), math.sin(angle_rad)
-        for i in range(len(walls_m)):
-            distance_m = c * walls_m[i, 0] + s * walls_m[i, 1]
-            counts[k, math.floor(0.5 * distances * (1.0 + distance_m / reach_m))] += 1.0
-    return counts
-
-
-@njit
-def _agreement(cells: Cells, theta: Array, cell_m: float) -> float:
-    size, half = cells.shape[1], 0.5 * cells.shape[1]
-    c, s = math.cos(theta[2]), math.sin(theta[2])
-    agreed, both = 0, 0
-    for row in range(size):
-        for col in range(size):
-            if cells[0, row, col] == UNKNOWN_CELL:
-                continue
-            x, y = col + 0.5 - half, row + 0.5 - half
-            col_1 = math.floor(half + theta[0] / cell_m + c * x - s * y)
-            row_1 = math.floor(half + theta[1] / cell_m + s * x + c * y)
-            if 0 <= row_1 < size and 0 <= col_1 < size and cells[1, row_1, col_1] != UNKNOWN_CELL:
-                both += 1
-                agreed += cells[0, row, col] == cells[1, row_1, col_1]
-    return agreed / both if both > 0 else 0.0

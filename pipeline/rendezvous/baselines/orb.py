@@ -1,19 +1,21 @@
 """ORB features and RANSAC: how m-explore's map_merge finds where one map lies in the other.
 
-Hörner, "Map-merging for multi-robot system", 2016, ROS package multirobot_map_merge: features of the grids
-as images, nearest two neighbours with a ratio test, a similarity by RANSAC, OpenCV's confidence of the match.
-Its default feature, AKAZE, is not in OpenCV 5; ORB is its other one. Maps have no scale to find: it is forced
-to 1. Where map_merge goes on with the identity, this says that it failed, and why.
+Hörner, "Map-merging for multi-robot system", 2016, ROS package multirobot_map_merge: features of the grids as
+images, nearest two neighbours with a ratio test, RANSAC, OpenCV's confidence of the match. Its default
+feature, AKAZE, is not in OpenCV 5; ORB is its other one. It fits a similarity; maps have no scale to find, so
+here the motion is rigid. Where map_merge goes on with the identity, this fails and says why.
 """
 
 from __future__ import annotations
 
-import math
+import warnings
 from dataclasses import dataclass
 from typing import ClassVar
 
 import cv2
 import numpy as np
+from skimage.measure import ransac
+from skimage.transform import EuclideanTransform
 
 from rendezvous.alignment.estimate import Estimate
 from rendezvous.alignment.window import MapWindow
@@ -32,8 +34,8 @@ class OrbRansac:
         features: most features per map.
         ratio: a match's distance is below this share of the second nearest one's.
         least_matches: fewer are a failure.
-        inlier_cells: an inlier is off by less.
-        iterations, certainty: of RANSAC.
+        inlier_cells: largest error of an inlier.
+        iterations, certainty: of RANSAC, which draws the same samples for every window.
         least_confidence: `inliers / (8 + 0.3 matches)` below this is a failure.
     """
 
@@ -54,27 +56,28 @@ class OrbRansac:
             return Estimate(
                 theta=None, reason=f"{len(p_0)} matches; at least {self.least_matches} are needed"
             )
-        similarity, inliers = cv2.estimateAffinePartial2D(
-            p_1,
-            p_0,
-            method=cv2.RANSAC,
-            ransacReprojThreshold=self.inlier_cells * window.cell_m,
-            maxIters=self.iterations,
-            confidence=self.certainty,
-        )
-        if similarity is None:
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", "No inliers found")
+            theta, inliers = ransac(
+                (p_0, p_1),
+                EuclideanTransform,
+                min_samples=2,
+                residual_threshold=self.inlier_cells * window.cell_m,
+                max_trials=self.iterations,
+                stop_probability=self.certainty,
+                rng=np.random.default_rng(0),
+            )
+        if inliers is None:
             return Estimate(theta=None, reason=f"no motion explains any of {len(p_0)} matches")
-        kept = inliers.ravel().astype(bool)
-        confidence = float(kept.sum()) / (8.0 + 0.3 * len(p_0))
+        confidence = float(inliers.sum()) / (8.0 + 0.3 * len(p_0))
         if confidence < self.least_confidence:
             reason = f"confidence {confidence:.2f}; at least {self.least_confidence:g} is needed"
             return Estimate(theta=None, reason=reason)
-        yaw_rad = math.atan2(similarity[1, 0], similarity[0, 0])
-        x_m, y_m = (p_0[kept] - SE2(0.0, 0.0, yaw_rad) @ p_1[kept]).mean(axis=0)
-        return Estimate(theta=SE2(float(x_m), float(y_m), yaw_rad).inverse().wrapped())
+        x_m, y_m = theta.translation
+        return Estimate(theta=SE2(float(x_m), float(y_m), float(theta.rotation)).wrapped())
 
     def _matches(self, window: MapWindow) -> tuple[Array, Array]:
-        """(M, 2), (M, 2) [m] in w: matched features of map 0 and map 1."""
+        """(M, 2), (M, 2) [m] in v: matched features of map 0 and map 1."""
         orb = cv2.ORB.create(nfeatures=self.features)
         found = [orb.detectAndCompute(_GREYS[cells], None) for cells in window.cells]
         (points_0, features_0), (points_1, features_1) = found
