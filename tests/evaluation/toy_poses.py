@@ -6,7 +6,8 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from rendezvous.evaluation.relative_pose.errors import ImageTruth, PoseOutcome, PoseOutcomes, as_seen
+import pandas as pd
+from rendezvous.evaluation.relative_pose.errors import ImageTruth, PoseOutcome, as_seen, pose_table
 from rendezvous.geometry.camera import camera_pose, se3_from_se2
 from rendezvous.geometry.se2 import SE2
 from rendezvous.pose_estimation.pose_estimate import PoseMode, RelativePose
@@ -50,12 +51,13 @@ def read_as(*modes: PoseMode, score: float = 0.9) -> RelativePose:
     return RelativePose(modes=modes, score=score, keypoints_px=np.full((9, 2), np.nan))
 
 
-def outcomes(truths: Sequence[ImageTruth], poses: Sequence[RelativePose]) -> PoseOutcomes:
+def outcomes(truths: Sequence[ImageTruth], poses: Sequence[RelativePose]) -> pd.DataFrame:
+    """The table of these estimates."""
     rows = [
         PoseOutcome.of(truth.image_id, pose, duration_s=0.1)
         for truth, pose in zip(truths, poses, strict=True)
     ]
-    return PoseOutcomes(tuple(truths), tuple(rows))
+    return pose_table(truths, rows)
 
 
 def drawn_truths(count: int, *, seed: int = 0) -> list[ImageTruth]:

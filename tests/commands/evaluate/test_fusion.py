@@ -32,6 +32,12 @@ from tests.synthetic_dataset import explored, rendered, synthetic_run
 SIMPLE = ("none", "correlative")
 
 
+@pytest.fixture(autouse=True)
+def no_charts(monkeypatch):
+    """Drawing takes longer than all else; `monkeypatch.undo()` has charts drawn."""
+    monkeypatch.setattr("rendezvous.evaluation.fusion.report.violin_chart", lambda *_: "a chart")
+
+
 @pytest.fixture(scope="module")
 def data(tmp_path_factory) -> Path:
     return toy_dataset(tmp_path_factory.mktemp("data"))
@@ -54,7 +60,8 @@ def _evaluated(data: Path, folder: Path, source: ToySource | None, **settings) -
     return json.loads((folder / "metrics.json").read_text())["fusion"], told.getvalue()
 
 
-def test_true_poses_give_true_maps_and_a_page(data, images, tmp_path):
+def test_true_poses_give_true_maps_and_a_page(data, images, tmp_path, monkeypatch):
+    monkeypatch.undo()
     metrics, _ = _evaluated(data, tmp_path, ToySource.of(images))
     assert set(metrics["runs"]) == {f"{source}-{m}" for source in ("estimated", "true") for m in SIMPLE}
     for source in ("estimated", "true"):

@@ -31,6 +31,12 @@ SIDEWAYS = np.eye(4)
 SIDEWAYS[1, 3] = 0.05
 
 
+@pytest.fixture(autouse=True)
+def no_charts(monkeypatch):
+    """Drawing takes longer than all else; `monkeypatch.undo()` has charts drawn."""
+    monkeypatch.setattr("rendezvous.evaluation.relative_pose.report.violin_chart", lambda *_: "a chart")
+
+
 @pytest.fixture(scope="module")
 def data(tmp_path_factory) -> Path:
     return toy_dataset(tmp_path_factory.mktemp("data"))
@@ -53,7 +59,8 @@ def _evaluated(data: Path, folder: Path, source: ToySource | None, **settings) -
     return json.loads((folder / "metrics.json").read_text())["relative_pose"], told.getvalue()
 
 
-def test_an_estimator_that_tells_the_truth_reaches_everything(data, images, tmp_path):
+def test_an_estimator_that_tells_the_truth_reaches_everything(data, images, tmp_path, monkeypatch):
+    monkeypatch.undo()
     metrics, _ = _evaluated(data, tmp_path, ToySource.of(images))
     figures = metrics["variants"]["floor"]["figures"]
     assert figures["overall"]["detected"]["of"] == sum(image.truth.shows_robot for image in images) > 8

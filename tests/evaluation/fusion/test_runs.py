@@ -12,7 +12,7 @@ from rendezvous.evaluation.fusion.runs import (
     run_rendezvous,
     runs_of,
 )
-from rendezvous.evaluation.fusion.summary import FusionOutcomes, fusion_figures
+from rendezvous.evaluation.fusion.summary import fusion_figures, fusion_table
 from rendezvous.fusion.refinement import correlative_refiner
 from rendezvous.geometry.se2 import SE2
 from rendezvous.training.frame_error.pairs import MapPair
@@ -31,11 +31,17 @@ def meeting() -> tuple[MapPair, SE2]:
     return replace(toy_pair(0), T_m0_r0=row["T_m0_r0"]), row["T_r0_r1_true"]
 
 
+def _figures(found: list[RendezvousOutcome], overlap: float):
+    """Figures of the estimated pose alone."""
+    table = fusion_table(found, np.full(len(found), overlap))
+    return fusion_figures(table[(table.source == ESTIMATED) & (table.method == "none")])
+
+
 def test_the_true_relative_pose_gives_the_true_map(meeting):
     pair, true = meeting
     found = run_rendezvous(pair, true, read_as(mode(true)), {"none": None})
     for source in (ESTIMATED, TRUE):
-        run = found.runs[(source, "none")]
+        run = found[(source, "none")]
         assert run.error.as_array() == pytest.approx([0.0, 0.0, 0.0], abs=1e-9)
         assert run.iou == 1.0
         assert not run.refined
@@ -44,20 +50,20 @@ def test_the_true_relative_pose_gives_the_true_map(meeting):
 def test_a_wrong_relative_pose_leaves_its_error_at_the_meeting_point(meeting):
     pair, true = meeting
     found = run_rendezvous(pair, true, read_as(mode(true @ SE2(0.3, -0.4, 0.2))), {"none": None})
-    run = found.runs[(ESTIMATED, "none")]
+    run = found[(ESTIMATED, "none")]
     # The meeting point is where T̃ puts robot 1; ten metres from the origin of m0 the error is no larger.
     assert math.hypot(run.error.x_m, run.error.y_m) == pytest.approx(0.5, abs=1e-9)
     assert run.error.yaw_rad == pytest.approx(0.2)
     assert run.iou < 0.9
-    assert found.runs[(TRUE, "none")].iou == 1.0
+    assert found[(TRUE, "none")].iou == 1.0
 
 
 def test_maps_agree_within_a_cell_and_no_more(meeting):
     pair, true = meeting
     within, beyond = (
-        run_rendezvous(pair, true, read_as(mode(true @ SE2(off_m, 0.0, 0.0))), {"none": None})
-        .runs[(ESTIMATED, "none")]
-        .iou
+        run_rendezvous(pair, true, read_as(mode(true @ SE2(off_m, 0.0, 0.0))), {"none": None})[
+            (ESTIMATED, "none")
+        ].iou
         for off_m in (0.04, 0.16)
     )
     assert within > 0.98
@@ -67,7 +73,7 @@ def test_maps_agree_within_a_cell_and_no_more(meeting):
 def test_maps_mend_a_wrong_relative_pose(meeting):
     pair, true = meeting
     found = run_rendezvous(pair, true, read_as(mode(true @ SE2(0.2, -0.2, 0.1), sigma=0.2)), REFINERS)
-    alone, mended = (found.runs[(ESTIMATED, name)] for name in REFINERS)
+    alone, mended = (found[(ESTIMATED, name)] for name in REFINERS)
     assert mended.refined
     assert math.hypot(mended.error.x_m, mended.error.y_m) < 0.06
     assert mended.iou > alone.iou
@@ -76,12 +82,12 @@ def test_maps_mend_a_wrong_relative_pose(meeting):
 def test_a_robot_that_is_not_found_makes_no_map_but_counts(meeting):
     pair, true = meeting
     found = run_rendezvous(pair, true, read_as(), {"none": None})
-    run = found.runs[(ESTIMATED, "none")]
+    run = found[(ESTIMATED, "none")]
     assert run.T_m0_m1 is None
     assert run.reasons == ("a toy",)
     assert not run.accepted
-    assert found.runs[(TRUE, "none")].T_m0_m1 is not None
-    figures = fusion_figures(FusionOutcomes.of([found], (ESTIMATED, "none")), np.array([pair.overlap]))
+    assert found[(TRUE, "none")].T_m0_m1 is not None
+    figures = _figures([found], pair.overlap)
     assert (figures.overall.made.count, figures.overall.made.of) == (0, 1)
     assert (figures.overall.success.count, figures.overall.success.of) == (0, 1)
     assert figures.overall.iou_mean is None
@@ -91,7 +97,7 @@ def test_verdicts_are_counted_against_the_errors(meeting):
     pair, true = meeting
     poses = [read_as(mode(true)), read_as(mode(true @ SE2(1.0, 0.0, 0.0), sigma=0.001)), read_as()]
     found = [run_rendezvous(pair, true, pose, {"none": None}) for pose in poses]
-    figures = fusion_figures(FusionOutcomes.of(found, (ESTIMATED, "none")), np.full(3, 0.3))
+    figures = _figures(found, 0.3)
     assert figures.overall.success.count == 1
     assert figures.accepted.of == 3
     assert figures.wrong_accepted.count + figures.wrong_uncertain.count == 1

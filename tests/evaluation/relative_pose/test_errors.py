@@ -4,58 +4,69 @@ import math
 
 import numpy as np
 import pytest
-from rendezvous.evaluation.relative_pose.errors import PoseOutcome, as_seen
+from rendezvous.evaluation.relative_pose.errors import PoseOutcome, as_seen, pose_table
 from rendezvous.geometry.camera import se3_from_se2
 from rendezvous.geometry.se2 import SE2
 
 from tests.evaluation.toy_poses import T_R0_C, drawn_truths, mode, outcomes, read_as, truth
 
 AHEAD = SE2(2.0, 0.3, 0.4)
+ERROR = ["dx_m", "dy_m", "dyaw_rad"]
 
 
 def test_the_truth_has_no_error():
     truths = drawn_truths(20)
     found = outcomes(truths, [read_as(mode(t.T_r0_r1)) for t in truths])
     assert found.detected.all()
-    assert found.error == pytest.approx(np.zeros((20, 3)), abs=1e-12)
-    assert found.theta == pytest.approx(np.zeros((20, 3)), abs=1e-12)
+    assert found[[*ERROR, "offset_m", "yaw_off_rad"]].to_numpy() == pytest.approx(np.zeros((20, 5)), abs=1e-9)
     assert not found.confused.any()
+    assert found.inside.all()
 
 
 def test_the_error_is_what_the_estimate_lacks_seen_from_it():
-    off = SE2(0.1, -0.2, 0.3)
-    found = outcomes([truth(0, AHEAD @ off)], [read_as(mode(AHEAD))])
-    assert found.error[0] == pytest.approx([0.1, -0.2, 0.3])
-    assert found.position_m[0] == pytest.approx(math.hypot(0.1, 0.2))
+    found = outcomes([truth(0, AHEAD @ SE2(0.1, -0.2, 0.3))], [read_as(mode(AHEAD, sigma=0.1))])
+    row = found.loc[0]
+    assert row[ERROR].tolist() == pytest.approx([0.1, -0.2, 0.3])
+    assert row.position_m == pytest.approx(math.hypot(0.1, 0.2))
+    assert row.turn_rad == pytest.approx(0.3)
+    assert row.nees == pytest.approx((0.1**2 + 0.2**2 + 0.3**2) / 0.1**2)
 
 
 def test_the_frame_error_turns_about_the_meeting_point_and_not_about_robot_0():
-    turned = outcomes([truth(0, AHEAD @ SE2(0.0, 0.0, -0.5))], [read_as(mode(AHEAD))])
-    assert turned.theta[0] == pytest.approx([0.0, 0.0, 0.5])
-    moved = outcomes([truth(0, SE2(2.0, 0.3, 0.4))], [read_as(mode(SE2(2.5, 0.3, 0.4)))])
-    assert moved.theta[0] == pytest.approx([0.5, 0.0, 0.0])
+    turned = outcomes([truth(0, AHEAD @ SE2(0.0, 0.0, 0.5))], [read_as(mode(AHEAD))]).loc[0]
+    assert (turned.offset_m, turned.yaw_off_rad) == pytest.approx((0.0, 0.5))
+    moved = outcomes([truth(0, SE2(2.0, 0.3, 0.4))], [read_as(mode(SE2(2.3, 0.7, 0.4)))]).loc[0]
+    assert (moved.offset_m, moved.yaw_off_rad) == pytest.approx((0.5, 0.0))
 
 
 @pytest.mark.parametrize("flip", [math.pi, -math.pi, 0.6 * math.pi])
 def test_a_turn_by_more_than_a_right_angle_is_a_confusion(flip):
     wrong = AHEAD @ SE2(0.0, 0.0, flip)
-    alone = outcomes([truth(0, AHEAD)], [read_as(mode(wrong))])
-    both = outcomes([truth(0, AHEAD)], [read_as(mode(wrong, mass=0.6), mode(AHEAD, mass=0.4))])
-    assert alone.confused[0]
-    assert both.confused[0]
-    assert not alone.told_otherwise[0]
-    assert both.told_otherwise[0]
+    alone = outcomes([truth(0, AHEAD)], [read_as(mode(wrong))]).loc[0]
+    both = outcomes([truth(0, AHEAD)], [read_as(mode(wrong, mass=0.6), mode(AHEAD, mass=0.4))]).loc[0]
+    assert alone.confused
+    assert both.confused
+    assert not alone.told_otherwise
+    assert both.told_otherwise
+    assert (alone.inside_by_any, both.inside, both.inside_by_any) == (False, False, True)
 
 
-def test_the_window_holds_what_any_reading_puts_there():
-    flipped = mode(AHEAD @ SE2(0.0, 0.0, math.pi), mass=0.6)
-    found = outcomes([truth(0, AHEAD)], [read_as(flipped, mode(AHEAD, mass=0.4))])
-    assert np.abs(found.thetas(0)[:, 2]) == pytest.approx([math.pi, 0.0])
-
-
-def test_a_turn_by_less_is_none():
-    found = outcomes([truth(0, AHEAD)], [read_as(mode(AHEAD @ SE2(0.0, 0.0, 0.4 * math.pi)))])
+def test_a_turn_by_less_is_none_and_no_other_reading_corrects_it():
+    turned = mode(AHEAD @ SE2(0.0, 0.0, 0.4 * math.pi), mass=0.6)
+    found = outcomes([truth(0, AHEAD)], [read_as(turned, mode(AHEAD, mass=0.4))])
     assert not found.confused[0]
+    assert not found.told_otherwise[0]
+
+
+@pytest.mark.parametrize(
+    ("x_m", "y_m", "yaw_deg", "inside"),
+    [(1.9, 0.0, 0.0, True), (2.1, 0.0, 0.0, False), (1.5, 1.5, 0.0, False), (0.0, 0.0, 44.0, True)]
+    + [(0.0, 0.0, -44.0, True), (0.0, 0.0, -46.0, False)],
+)
+def test_the_window_is_2_m_in_any_direction_and_45_degrees(x_m, y_m, yaw_deg, inside):
+    seen = SE2(2.0, 0.3, 0.0)
+    read = SE2(2.0 + x_m, 0.3 + y_m, math.radians(yaw_deg))
+    assert outcomes([truth(0, seen)], [read_as(mode(read))]).inside[0] == inside
 
 
 def test_a_missed_robot_has_no_error_and_a_false_one_is_no_detection():
@@ -64,9 +75,23 @@ def test_a_missed_robot_has_no_error_and_a_false_one_is_no_detection():
     assert found.shows_robot.tolist() == [True, False, False, False]
     assert found.found.tolist() == [False, True, True, False]
     assert not found.detected.any()
-    assert np.isnan(found.error).all()
-    assert np.isnan(found.covariance).all()
-    assert not found.confused.any()
+    assert found[[*ERROR, "nees", "ellipsoid", "offset_m"]].isna().all(axis=None)
+    assert not found[["confused", "inside", "inside_by_any"]].any(axis=None)
+
+
+def test_copies_that_were_not_covered_are_null():
+    covered = [
+        PoseOutcome.of(f"image-{i}", read_as(), duration_s=0.1, found_covered=found)
+        for i, found in enumerate((True, None, False))
+    ]
+    found = pose_table([truth(i, AHEAD) for i in range(3)], covered).found_covered
+    assert found.isna().tolist() == [False, True, False]
+    assert (found.sum(), found.count()) == (1, 2)
+
+
+def test_outcomes_of_other_images_are_refused():
+    with pytest.raises(AssertionError, match="outcomes of other images"):
+        pose_table([truth(0, AHEAD)], [PoseOutcome.of("another", read_as(), duration_s=0.1)])
 
 
 @pytest.mark.parametrize(

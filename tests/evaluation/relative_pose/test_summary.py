@@ -1,25 +1,22 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict
+from dataclasses import asdict, astuple
 
 import numpy as np
 import pytest
 from pydantic import TypeAdapter
 from rendezvous.evaluation.relative_pose.summary import (
+    GROUPS,
     HEADINGS,
     PoseSummary,
-    groupings,
+    grouped,
+    has_goal,
     pose_summary,
-    target_images,
 )
 from rendezvous.geometry.se2 import SE2
 
 from tests.evaluation.toy_poses import drawn_truths, mode, outcomes, read_as, truth
-
-
-def _flat(summary: PoseSummary) -> dict:
-    return asdict(summary)
 
 
 def test_the_truth_reaches_the_goal_and_lies_inside_every_ellipsoid():
@@ -70,20 +67,31 @@ def test_what_is_never_found_has_no_errors_but_is_counted():
     assert not found.reached
 
 
-def test_groups_part_the_images_that_show_the_robot():
+def test_every_image_that_shows_the_robot_is_in_one_group_of_each_kind():
     truths = [*drawn_truths(60), truth(60, None), truth(61, SE2(1.0, 0.0, 0.0), kind="sighting")]
-    found = outcomes(truths, [read_as(mode(SE2(1.0, 0.0, 0.0))) for _ in truths])
-    for groups in groupings(found).values():
-        assert np.stack(list(groups.values())).sum(axis=0).tolist() == found.shows_robot.tolist()
+    found = pose_summary(outcomes(truths, [read_as(mode(SE2(1.0, 0.0, 0.0))) for _ in truths]))
+    assert found.by.keys() == GROUPS.keys()
+    assert {name: sum(g.detected.of for g in groups.values()) for name, groups in found.by.items()} == (
+        dict.fromkeys(GROUPS, 61)
+    )
+
+
+@pytest.mark.parametrize(
+    ("x_m", "visibility", "distances", "visibilities"),
+    [(0.9, 0.1, "< 1 m", "< 0.25"), (1.5, 0.25, "1–1.75 m", "0.25–0.5"), (2.0, 0.6, "1.75–2.5 m", "0.5–0.75")]
+    + [(3.0, 0.75, "2.5–3.5 m", "> 0.75"), (4.0, 1.0, "> 3.5 m", "> 0.75")],
+)
+def test_images_are_binned_by_distance_and_visibility(x_m, visibility, distances, visibilities):
+    found = outcomes([truth(0, SE2(x_m, 0.0, 0.0), visibility=visibility)], [read_as()])
+    row = grouped(found).loc[0]
+    assert (row.distances, row.visibilities) == (distances, visibilities)
 
 
 @pytest.mark.parametrize("step", range(8))
 def test_sectors_are_centred_on_multiples_of_45_degrees(step):
-    for off_deg in (-22.0, 0.0, 22.0):
-        pose = SE2(1.03, 0.0, math.radians(45.0 * step + off_deg))
-        found = outcomes([truth(0, pose)], [read_as()])
-        named = [label for label, mask in groupings(found)["heading"].items() if mask[0]]
-        assert named == [HEADINGS[step]]
+    poses = [SE2(1.03, 0.0, math.radians(45.0 * step + off_deg)) for off_deg in (-22.0, 0.0, 22.0)]
+    found = outcomes([truth(i, pose) for i, pose in enumerate(poses)], [read_as()] * 3)
+    assert grouped(found).headings.tolist() == [HEADINGS[step]] * 3
 
 
 def test_the_goal_is_for_plausible_images_of_near_and_visible_robots():
@@ -95,11 +103,33 @@ def test_the_goal_is_for_plausible_images_of_near_and_visible_robots():
         truth(3, near, visibility=0.6, kind="sighting"),
         truth(4, None),
     ]
-    assert target_images(outcomes(truths, [read_as()] * 5)).tolist() == [True, False, False, False, False]
+    assert has_goal(outcomes(truths, [read_as()] * 5)).tolist() == [True, False, False, False, False]
+
+
+def test_medians_tails_and_shares_are_those_of_the_errors():
+    off_m = np.linspace(0.0, 1.0, 101)
+    truths = [truth(i, SE2(2.0, 0.0, 0.0)) for i in range(102)]
+    poses = [read_as(mode(SE2(2.0, 0.0, 0.0) @ SE2(x_m, 0.0, 0.1 * x_m).inverse())) for x_m in off_m]
+    found = pose_summary(outcomes(truths, [*poses, read_as()])).overall
+    assert (found.detected.count, found.detected.of) == (101, 102)
+    assert found.median == pytest.approx((0.5, 0.0, 0.05))
+    assert astuple(found.position_m) == pytest.approx((0.5, 0.95, 0.99, 1.0))
+    assert astuple(found.heading_rad) == pytest.approx((0.05, 0.095, 0.099, 0.1))
+
+
+@pytest.mark.parametrize(
+    ("off", "missed", "reached"),
+    [((0.04, 0.05), 0, True), ((0.06, 0.0), 0, False), ((0.0, 0.06), 0, False), ((0.0, 0.0), 2, False)],
+)
+def test_the_goal_asks_for_position_heading_and_detections(off, missed, reached):
+    truths = [truth(i, SE2(2.0, 0.0, 0.0)) for i in range(20)]
+    read = read_as(mode(SE2(2.0, 0.0, 0.0) @ SE2(off[0], 0.0, off[1]).inverse()))
+    poses = [read_as()] * missed + [read] * (20 - missed)
+    assert pose_summary(outcomes(truths, poses)).reached == reached
 
 
 def test_a_summary_survives_json():
     truths = [*drawn_truths(7), truth(7, None)]
     for poses in ([read_as(mode(SE2(1.0, 0.0, 0.0)))] * 8, [read_as()] * 8):
         found = pose_summary(outcomes(truths, poses))
-        assert TypeAdapter(PoseSummary).validate_python(_flat(found)) == found
+        assert TypeAdapter(PoseSummary).validate_python(asdict(found)) == found

@@ -1,4 +1,4 @@
-"""Measure the whole system on published rendezvous: one image and two maps in, one map out; and report."""
+"""Measure the whole system, one image and two maps in, one map out, and write its part of the report."""
 
 from __future__ import annotations
 
@@ -28,11 +28,18 @@ from rendezvous.commands.evaluate.relative_pose import (
 )
 from rendezvous.commands.evaluate.report_folder import PAGE, keep_evaluation, kept_metrics
 from rendezvous.errors import ConfigError, StoreError
-from rendezvous.evaluation.fusion.gallery import FusionShown, fusion_shown
+from rendezvous.evaluation.fusion.gallery import FusionShown, best_run, chosen_rendezvous, fusion_shown
 from rendezvous.evaluation.fusion.paper_scenario import PAPER_OVERLAP, scenario
-from rendezvous.evaluation.fusion.report import FusionContent, chosen_rendezvous, fusion_part, run_name
-from rendezvous.evaluation.fusion.runs import ESTIMATED, METHODS, RendezvousOutcome, Run, runs_of
-from rendezvous.evaluation.fusion.summary import FusionFigures, FusionOutcomes, fusion_figures
+from rendezvous.evaluation.fusion.report import FusionContent, fusion_part
+from rendezvous.evaluation.fusion.runs import (
+    AUTO,
+    ESTIMATED,
+    METHODS,
+    RendezvousOutcome,
+    run_name,
+    runs_of,
+)
+from rendezvous.evaluation.fusion.summary import FusionFigures, fusion_figures, fusion_table
 from rendezvous.evaluation.report.recorded_figures import ImageConditions, RecordedFigures
 from rendezvous.resources import METRICS
 from rendezvous.seeds import stream
@@ -54,18 +61,18 @@ class FusionEvaluation:
 
     Attributes:
         dataset: folder that `pack` wrote.
-        split: of it.
-        count: at most so many rendezvous, drawn at random; None for all.
-        methods: of `fusion_runs.METHODS`; none for all that can run.
-        weights: of the relative pose; None for those of `runs/`, then the shipped ones.
+        split: its split.
+        count: largest number of rendezvous, drawn at random; None for all.
+        methods: of `runs.METHODS`; empty for all that can run.
+        weights: of the relative pose, or None for those in `runs/`, then the shipped ones.
         seed: of the draw of rendezvous.
-        folder: of the report.
-        workers: processes.
+        folder: the report's.
+        workers: number of processes.
         records: folder of recorded figures.
-        record: whether to keep what is measured now among them.
+        record: whether to record this run's figures there.
         unseen: whether to leave out floor plans that the weights were trained on.
         source: what makes the estimator of the relative pose, instead of weights.
-        console: where to tell.
+        console: for messages.
     """
 
     dataset: str = "data/dataset"
@@ -87,17 +94,17 @@ def evaluate_fusion(settings: FusionEvaluation) -> Path:
     """Measure, record if asked to, and write the report.
 
     Returns:
-        The page.
+        Path of the page.
 
     Raises:
         StoreError: the dataset, its images, weights or recorded figures are missing or damaged, or nothing
             can be written.
-        ConfigError: a split or method that there is not, or recorded figures of more rendezvous.
+        ConfigError: there is no such split or method, or recorded figures are of more rendezvous.
         SetupError: a package is missing.
     """
     require_split(settings.split)
     cases = _cases(settings)
-    # All that can be wrong with files shows here, and not after an hour of measuring.
+    # Whatever is wrong with files shows here, not after an hour of measuring.
     disk = Disk(str(settings.folder))
     kept_metrics(disk)
     setup = _setup(settings)
@@ -121,12 +128,12 @@ def evaluate_fusion(settings: FusionEvaluation) -> Path:
     content = _content(cases, setup, conditions, outcomes, recorded, settings)
     if settings.record:
         recorded.keep((content.rows[name] for name in names), settings.console)
-    keep_evaluation(disk, fusion_part(content), _told(content), settings.console)
+    keep_evaluation(disk, fusion_part(content), _metrics(content), settings.console)
     return settings.folder / PAGE
 
 
 def _cases(settings: FusionEvaluation) -> FusionCases:
-    """The rendezvous to measure: those whose image shows robot 1."""
+    """The rendezvous to measure, whose images show robot 1."""
     reader = StageReader(settings.dataset, "pack")
     pairs = read_pairs(reader, settings.split)
     images = read_images(reader, settings.split, kinds=(SIGHTING,))
@@ -155,7 +162,7 @@ def _unseen(cases: FusionCases, setup: FusionSetup, settings: FusionEvaluation) 
 
 
 def _setup(settings: FusionEvaluation) -> FusionSetup:
-    """What can run; learned methods that nobody asked for are left out where there is no matcher."""
+    """The runs; without a matcher, learned methods that were not asked for are left out."""
     for name in settings.methods:
         if name not in METHODS:
             raise ConfigError(f"method {name!r} is unknown; must be one of {', '.join(METHODS)}")
@@ -199,57 +206,50 @@ def _content(
     recorded: FiguresFolder[FusionFigures],
     settings: FusionEvaluation,
 ) -> FusionContent:
-    found = {run: FusionOutcomes.of(outcomes, run) for run in runs_of(setup.methods)}
+    table = fusion_table(outcomes, cases.overlap)
+    runs = {
+        (source, method): rows for (source, method), rows in table.groupby(["source", "method"], sort=False)
+    }
+    best = best_run(table, (ESTIMATED, AUTO))
     rows = recorded.of_split(settings.split) | {
         run_name(run): RecordedFigures(
-            name=run_name(run), conditions=conditions, figures=fusion_figures(outcome, cases.overlap)
+            name=run_name(run), conditions=conditions, figures=fusion_figures(found)
         )
-        for run, outcome in found.items()
+        for run, found in runs.items()
     }
-    every_run = [run_name(run) for run in runs_of(METHODS)]
     return FusionContent(
         conditions=conditions,
-        found=found,
-        overlap=cases.overlap,
-        rows={name: rows[name] for name in every_run if name in rows},
-        gallery=_gallery(cases, outcomes, found),
+        found=table,
+        best=best,
+        rows={name: rows[name] for name in map(run_name, runs_of(METHODS)) if name in rows},
+        gallery=[
+            fusion_shown(why, cases[number].pair, outcomes[number], [best])
+            for why, number in chosen_rendezvous(runs[best])
+        ],
         scenario=_scenario(cases, setup),
         dataset=settings.dataset,
         versions=versions(_PACKAGES),
     )
 
 
-def _gallery(
-    cases: FusionCases,
-    outcomes: Sequence[RendezvousOutcome],
-    found: Mapping[Run, FusionOutcomes],
-) -> list[FusionShown]:
-    return [
-        fusion_shown(why, cases[number].pair, outcomes[number], [run])
-        for why, number, run in chosen_rendezvous(found)
-    ]
-
-
 def _scenario(cases: FusionCases, setup: FusionSetup) -> FusionShown | None:
-    """The paper's scenario, on the pair that comes nearest to it."""
-    nearest = np.argsort(np.abs(cases.overlap - PAPER_OVERLAP), kind="stable")
-    found = ((number, scenario(cases[int(number)].pair)) for number in nearest)
-    number, pair = next(((n, pair) for n, pair in found if pair is not None), (0, None))
-    if pair is None:
-        return None
-    outcome = run_case(setup, FusionCase(pair=pair, image=cases.images[number]))
-    drawn = [run for run in runs_of(setup.methods) if run[0] == ESTIMATED]
-    return fusion_shown("paper's scenario", pair, outcome, drawn)
+    """The paper's scenario, on the pair of most similar overlap that fits it."""
+    for number in np.argsort(np.abs(cases.overlap - PAPER_OVERLAP), kind="stable"):
+        pair = scenario(cases[int(number)].pair)
+        if pair is not None:
+            outcome = run_case(setup, FusionCase(pair=pair, image=cases.images[number]))
+            drawn = [run for run in runs_of(setup.methods) if run[0] == ESTIMATED]
+            return fusion_shown("paper's scenario", pair, outcome, drawn)
+    return None
 
 
-def _told(content: FusionContent) -> dict[str, Any]:
-    """What `metrics.json` holds."""
-    measured = {run_name(run) for run in content.found}
+def _metrics(content: FusionContent) -> dict[str, Any]:
+    """The entry in `metrics.json`."""
     scenario = content.scenario
     return {
         "conditions": asdict(content.conditions),
         "runs": {
-            name: {**row.to_json(), "source": "measured" if name in measured else "recorded"}
+            name: {**row.to_json(), "source": "measured" if name in content.measured else "recorded"}
             for name, row in content.rows.items()
         },
         "paper_scenario": scenario and {"overlap": scenario.overlap, **scenario.outcome.to_json()},

@@ -1,4 +1,4 @@
-"""What the whole system makes of rendezvous: image and maps in, fused maps out."""
+"""Measure what the whole system makes of rendezvous: image and maps in, fused maps out."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from rendezvous.training.frame_error.pairs import MapPair, PairTable
 
 CACHE = "fusion"
 LEARNED = ("learned", "auto")
-"""Methods that need the matcher."""
+"""Methods that need the trained matcher."""
 
 _ROOMS = (*POSE_CODE, "alignment", "baselines", "fusion", "training")
 _FILES = (
@@ -44,7 +44,7 @@ _FILES = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FusionCase:
-    """A rendezvous: both maps, and what robot 0 saw."""
+    """A rendezvous: its pair of maps, and what robot 0 saw."""
 
     pair: MapPair
     image: SeenImage
@@ -52,12 +52,12 @@ class FusionCase:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FusionCases:
-    """The rendezvous of one evaluation; maps are decoded when they are asked for.
+    """The rendezvous of one evaluation; maps are decoded on access.
 
     Attributes:
         pairs: of maps.
-        indices: which of them.
-        images: one of each.
+        indices: the pairs that are used.
+        images: one for each of them.
     """
 
     pairs: PairTable
@@ -72,19 +72,19 @@ class FusionCases:
 
     @property
     def overlap(self) -> Array:
-        """(N,) of the maps."""
+        """(N,) overlap of the maps."""
         chosen: Array = self.pairs.overlap[list(self.indices)]
         return chosen
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FusionSetup:
-    """What is run on every rendezvous; can be pickled.
+    """The runs of every rendezvous; can be pickled.
 
     Attributes:
         source: of the relative pose.
         methods: of `METHODS`.
-        matcher: with weights; None where no method needs it.
+        matcher: with weights, or None if no method needs it.
     """
 
     source: PoseSource
@@ -93,21 +93,16 @@ class FusionSetup:
 
     def refiners(self) -> dict[str, Refiner | None]:
         """By method."""
-        simple: dict[str, Refiner | None] = {
+        every: dict[str, Refiner | None] = {
             NONE: None,
             "hough": _hough,
             "orb": _orb,
             "correlative": correlative_refiner,
         }
-        chosen = {name: refiner for name, refiner in simple.items() if name in self.methods}
         if self.matcher is not None:
             matcher = _matcher(self.matcher)
-            chosen |= {
-                name: matcher_refiner(matcher, with_prior=name == "auto")
-                for name in LEARNED
-                if name in self.methods
-            }
-        return chosen
+            every |= {name: matcher_refiner(matcher, with_prior=name == "auto") for name in LEARNED}
+        return {name: refiner for name, refiner in every.items() if name in self.methods}
 
 
 def measured_fusions(
@@ -118,14 +113,14 @@ def measured_fusions(
     workers: int,
     console: Console,
 ) -> tuple[RendezvousOutcome, ...]:
-    """What becomes of each rendezvous; from the cache, if nothing that it depends on has changed.
+    """The outcome of each rendezvous, from the cache if nothing it depends on has changed.
 
     Args:
-        setup: what to run.
+        setup: the runs.
         cases: at least one.
-        folder: of the report.
-        workers: processes; a single one is this one.
-        console: where to tell.
+        folder: the report's.
+        workers: processes; with a single one, this one.
+        console: for messages.
     """
     measurement = Measurement(
         command="evaluate-fusion",
@@ -140,7 +135,7 @@ def measured_fusions(
 
 
 def run_case(setup: FusionSetup, case: FusionCase) -> RendezvousOutcome:
-    """Every run of one rendezvous."""
+    """All runs of one rendezvous."""
     estimator = setup.source.estimator(floor=True)
     image = case.image
     assert image.truth.T_r0_r1 is not None
@@ -167,12 +162,12 @@ def _key(setup: FusionSetup, cases: FusionCases) -> Mapping[str, Any]:
 
 
 def _hough(prior: FrameErrorPrior | None) -> tuple[HoughSpectrum, SearchRange]:
-    """Over the whole default search: it has no use for a prior."""
+    """Searches the whole default range, without a prior."""
     return HoughSpectrum(search=DEFAULT_SEARCH), DEFAULT_SEARCH
 
 
 def _orb(prior: FrameErrorPrior | None) -> tuple[OrbRansac, SearchRange]:
-    """Wherever features match."""
+    """Searches wherever features match."""
     return OrbRansac(), DEFAULT_SEARCH
 
 

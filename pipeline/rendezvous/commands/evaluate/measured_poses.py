@@ -1,4 +1,4 @@
-"""What an estimator of the relative pose reads from images."""
+"""Measure what an estimator of the relative pose reads from images."""
 
 from __future__ import annotations
 
@@ -8,10 +8,11 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
+import pandas as pd
 from rich.console import Console
 
 from rendezvous.commands.evaluate.measuring import Measurement, code_digest, measured
-from rendezvous.evaluation.relative_pose.errors import PoseOutcome, PoseOutcomes
+from rendezvous.evaluation.relative_pose.errors import PoseOutcome, pose_table
 from rendezvous.pose_estimation.covered import covered_image
 from rendezvous.stages.training.seen_images import SeenImage, digest_of_images
 from rendezvous.stages.weights.pose_source import PoseSource
@@ -21,7 +22,7 @@ from rendezvous.store.disk import Disk
 CACHE = "relative_pose"
 POSE_CODE = ("geometry", "models", "pose_estimation")
 POSE_PACKAGES = ("numpy", "scipy", "opencv-python-headless", "numba", "torch")
-"""What poses depend on, beside the weights."""
+"""Packages that poses depend on."""
 _FILES = (
     "evaluation/relative_pose/errors.py",
     "commands/evaluate/measured_poses.py",
@@ -33,28 +34,28 @@ _FILES = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PoseVariant:
-    """An estimator as it is measured: its source, and whether the robot stands on the camera's floor."""
+    """An estimator's source, and whether it takes the robots to stand on one floor."""
 
     source: PoseSource
     floor: bool
 
     @property
     def name(self) -> str:
-        """What tables call it."""
+        """Its name in tables and files."""
         return "floor" if self.floor else "free"
 
 
 def measured_poses(
     variant: PoseVariant, images: Sequence[SeenImage], *, folder: Path, workers: int, console: Console
-) -> PoseOutcomes:
-    """What becomes of each image; from the cache, if nothing that it depends on has changed.
+) -> tuple[pd.DataFrame, tuple[PoseOutcome, ...]]:
+    """The table of `pose_table` and its outcomes, from the cache if nothing they depend on has changed.
 
     Args:
         variant: of the estimator.
         images: at least one.
-        folder: of the report.
-        workers: processes; a single one is this one.
-        console: where to tell.
+        folder: the report's.
+        workers: processes; with a single one, this one.
+        console: for messages.
     """
     measurement = Measurement(
         command="evaluate-pose",
@@ -72,7 +73,7 @@ def measured_poses(
     )
     cache = Disk(str(folder / CACHE))
     rows = measured(measurement, images, cache=cache, workers=workers, console=console)
-    return PoseOutcomes(tuple(image.truth for image in images), rows)
+    return pose_table([image.truth for image in images], rows), rows
 
 
 def _measure(variant: PoseVariant, images: Sequence[SeenImage]) -> list[PoseOutcome]:

@@ -1,4 +1,4 @@
-"""Measure the estimator of the relative pose on published images, and report."""
+"""Measure the estimator of the relative pose on published images, and write its part of the report."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from rich.console import Console
 
 from rendezvous.commands.evaluate.measured_poses import PoseVariant, measured_poses
 from rendezvous.commands.evaluate.recorded_figures import FiguresFolder
 from rendezvous.commands.evaluate.report_folder import PAGE, keep_evaluation, kept_metrics
 from rendezvous.errors import ConfigError, StoreError
-from rendezvous.evaluation.relative_pose.errors import PoseOutcomes
+from rendezvous.evaluation.relative_pose.errors import PoseOutcome
 from rendezvous.evaluation.relative_pose.gallery import PoseShown, chosen_images, pose_shown
-from rendezvous.evaluation.relative_pose.report import FloorGain, PoseContent, pose_part
+from rendezvous.evaluation.relative_pose.report import VARIANTS, FloorGain, PoseContent, pose_part
 from rendezvous.evaluation.relative_pose.summary import PoseSummary, pose_summary
-from rendezvous.evaluation.relative_pose.tables import VARIANTS
 from rendezvous.evaluation.report.recorded_figures import ImageConditions, RecordedFigures
 from rendezvous.evaluation.statistics import bootstrap_mean, resample_weights
 from rendezvous.resources import METRICS
@@ -41,19 +41,19 @@ class PoseEvaluation:
 
     Attributes:
         dataset: folder that `pack` wrote.
-        split: of it.
-        count: at most so many images, drawn at random; None for all.
+        split: its split.
+        count: largest number of images, drawn at random; None for all.
         kinds: of `seen_images.KINDS`.
-        weights: of the estimator; None for those of `runs/`, then the shipped ones.
+        weights: of the estimator, or None for those in `runs/`, then the shipped ones.
         floor: whether the estimator takes the floor as known; None for both, side by side.
         seed: of the draw of images.
-        folder: of the report.
-        workers: processes.
+        folder: the report's.
+        workers: number of processes.
         records: folder of recorded figures.
-        record: whether to keep what is measured now among them.
+        record: whether to record this run's figures there.
         unseen: whether to leave out floor plans that the weights were trained on.
         source: what makes the estimator, instead of weights.
-        console: where to tell.
+        console: for messages.
     """
 
     dataset: str = "data/dataset"
@@ -76,17 +76,17 @@ def evaluate_pose(settings: PoseEvaluation) -> Path:
     """Measure, record if asked to, and write the report.
 
     Returns:
-        The page.
+        Path of the page.
 
     Raises:
         StoreError: the dataset, its images, the weights or recorded figures are missing or damaged, or
             nothing can be written.
-        ConfigError: a split or kind of images that there is not, images of a robot that the weights do not
-            know, or recorded figures of more images.
+        ConfigError: there is no such split or kind of images, the weights do not know the images' robot, or
+            recorded figures are of more images.
         SetupError: a package is missing.
     """
     images = _images(settings)
-    # All that can be wrong with files shows here, and not after an hour of measuring.
+    # Whatever is wrong with files shows here, not after an hour of measuring.
     disk = Disk(str(settings.folder))
     kept_metrics(disk)
     source = settings.source or PoseWeights.found(settings.weights)
@@ -102,16 +102,16 @@ def evaluate_pose(settings: PoseEvaluation) -> Path:
     recorded = FiguresFolder.read(settings.records, PoseSummary, command="evaluate-pose")
     if settings.record:
         recorded.require_no_loss([variant.name for variant in variants], conditions)
-    found = {
+    measured = {
         variant.name: measured_poses(
             variant, images, folder=settings.folder, workers=settings.workers, console=settings.console
         )
         for variant in variants
     }
-    content = _content(images, conditions, found, recorded, settings)
+    content = _content(images, conditions, measured, recorded, settings)
     if settings.record:
-        recorded.keep((content.rows[name] for name in found), settings.console)
-    keep_evaluation(disk, pose_part(content), _told(content), settings.console)
+        recorded.keep((content.rows[name] for name in measured), settings.console)
+    keep_evaluation(disk, pose_part(content), _metrics(content), settings.console)
     return settings.folder / PAGE
 
 
@@ -126,8 +126,8 @@ def _images(settings: PoseEvaluation) -> list[SeenImage]:
     return read_images(reader, settings.split, kinds=settings.kinds, count=settings.count, seed=settings.seed)
 
 
-def _told(content: PoseContent) -> dict[str, Any]:
-    """What `metrics.json` holds."""
+def _metrics(content: PoseContent) -> dict[str, Any]:
+    """The entry in `metrics.json`."""
     return {
         "conditions": asdict(content.conditions),
         "variants": {
@@ -139,17 +139,17 @@ def _told(content: PoseContent) -> dict[str, Any]:
 
 
 def require_split(split: str) -> None:
-    """See that there is such a split.
+    """Check that there is such a split.
 
     Raises:
-        ConfigError: there is not.
+        ConfigError: there is none.
     """
     if split not in SPLIT_NAMES:
         raise ConfigError(f"--split is {split!r}; must be one of {', '.join(SPLIT_NAMES)}")
 
 
 def require_robot_of_images(images: Sequence[SeenImage], source: PoseSource, dataset: str) -> None:
-    """See that images show the robot whose pose the weights read.
+    """Check that images show the robot that the weights know.
 
     Raises:
         ConfigError: they show another one.
@@ -173,11 +173,11 @@ def unseen_images(
 
     Args:
         images: of all plans.
-        records: what each of the weights tells of its training.
-        console: where to tell how many are left out.
+        records: of the training of each of the weights.
+        console: for the number of images left out.
 
     Raises:
-        StoreError: there are none.
+        StoreError: there are no such images.
     """
     unseen = [i for i in images if not any(trained_on(record, i.plan_digest) for record in records)]
     if not unseen:
@@ -198,7 +198,7 @@ def image_conditions(
     sources: Mapping[str, PoseSource],
     console: Console,
 ) -> ImageConditions:
-    """What images are measured with weights; tells if these know the floor plans already."""
+    """The conditions of measuring images; warns if the weights were trained on their floor plans."""
     plans = {image.truth.plan_id: image.plan_digest for image in images}
     known = {name: _known_plans(source, plans) for name, source in sources.items()}
     for name, count in known.items():
@@ -230,54 +230,55 @@ def _known_plans(source: PoseSource, plans: Mapping[str, str]) -> int | None:
 def _content(
     images: Sequence[SeenImage],
     conditions: ImageConditions,
-    found: Mapping[str, PoseOutcomes],
+    measured: Mapping[str, tuple[pd.DataFrame, Sequence[PoseOutcome]]],
     recorded: FiguresFolder[PoseSummary],
     settings: PoseEvaluation,
 ) -> PoseContent:
+    found = {name: table for name, (table, _) in measured.items()}
     rows = recorded.of_split(settings.split) | {
-        name: RecordedFigures(name=name, conditions=conditions, figures=pose_summary(outcomes))
-        for name, outcomes in found.items()
+        name: RecordedFigures(name=name, conditions=conditions, figures=pose_summary(table))
+        for name, table in found.items()
     }
     return PoseContent(
         conditions=conditions,
         found=found,
         rows={name: rows[name] for name in VARIANTS if name in rows},
-        gain=_floor_gain(images, found, settings.seed),
-        gallery=_gallery(images, next(iter(found.values()))),
+        gain=_floor_gain(found, settings.seed),
+        gallery=_gallery(images, *next(iter(measured.values()))),
         dataset=settings.dataset,
         versions=versions(_PACKAGES),
     )
 
 
-def _floor_gain(
-    images: Sequence[SeenImage], found: Mapping[str, PoseOutcomes], seed: int
-) -> FloorGain | None:
+def _floor_gain(found: Mapping[str, pd.DataFrame], seed: int) -> FloorGain | None:
     """What the floor changes where both variants found the robot; None without both."""
     if len(found) < 2:
         return None
     floor, free = found["floor"], found["free"]
     both = floor.detected & free.detected
-    _, plan = np.unique([image.truth.plan_id for image in images], return_inverse=True)
-    weights = resample_weights(plan, rng=stream(seed, "evaluation", "bootstrap"))[:, both]
     if not both.any():
         return None
+    _, plan = np.unique(floor.plan_id, return_inverse=True)
+    weights = resample_weights(plan, rng=stream(seed, "evaluation", "bootstrap"))[:, both]
     return FloorGain(
         images=int(both.sum()),
-        position_m=bootstrap_mean((floor.position_m - free.position_m)[both], weights),
-        heading_rad=bootstrap_mean((floor.heading_rad - free.heading_rad)[both], weights),
+        position_m=bootstrap_mean((floor.position_m - free.position_m)[both].to_numpy(), weights),
+        heading_rad=bootstrap_mean((floor.turn_rad - free.turn_rad)[both].to_numpy(), weights),
     )
 
 
-def _gallery(images: Sequence[SeenImage], found: PoseOutcomes) -> list[PoseShown]:
+def _gallery(
+    images: Sequence[SeenImage], table: pd.DataFrame, outcomes: Sequence[PoseOutcome]
+) -> list[PoseShown]:
     return [
         pose_shown(
             why,
-            found,
-            number,
+            table.loc[number],
+            outcomes[number],
             encoded=images[number].encoded,
             camera=images[number].camera,
             cuboid_size_m=images[number].cuboid_size_m,
             box_px=images[number].box_px,
         )
-        for why, number in chosen_images(found)
+        for why, number in chosen_images(table)
     ]

@@ -1,8 +1,8 @@
-"""The paper's real scenario (Section IV-C), laid over one of our pairs.
+"""The paper's real scenario (Section IV-C), imitated with one of our pairs.
 
-There both maps have 384 x 384 cells of 0.05 m, overlap by 0.174, and T_m0_m1 is (6.0 m, -5.8 m, 180°). Its
-maps are not public, so the pair of most similar overlap stands in: frame m1 is chosen such that T_m0_m1 is
-exactly that, and both maps are drawn on canvases of that size.
+In the paper both maps have 384 x 384 cells of 0.05 m, overlap by 0.174, and T_m0_m1 is (6.0 m, -5.8 m, 180°).
+Those maps are not public. The pair of most similar overlap stands in: its frame m1 is chosen so that T_m0_m1
+is exactly that, and both maps are drawn on canvases of that size.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ def scenario(pair: MapPair) -> MapPair | None:
 
 
 def _on_canvas(grid: OccupancyGrid) -> OccupancyGrid | None:
-    """The map in the middle of a canvas with the axes of m; None if it is too large or shows nothing."""
+    """The map in the middle of a canvas with the axes of m; None if it does not fit or is all unknown."""
     points_m = grid.cell_centres(grid.known())
     if not len(points_m):
         return None
@@ -60,7 +60,7 @@ def _on_canvas(grid: OccupancyGrid) -> OccupancyGrid | None:
 
 
 def _on_cell_corner(grid: OccupancyGrid, point_m: Array) -> SE2:
-    """The corner of a cell near a point (2,), so that a map that lies straight keeps its very cells."""
+    """The corner of a cell near a point (2,), so that the cells of an unrotated map stay as they are."""
     origin_m = grid.T_m_g.as_array()[:2]
     x_m, y_m = origin_m + WINDOW_CELL_M * np.round((point_m - origin_m) / WINDOW_CELL_M)
     return SE2(float(x_m), float(y_m), 0.0)

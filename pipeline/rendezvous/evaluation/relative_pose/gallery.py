@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
-import numpy as np
+import pandas as pd
 
-from rendezvous.evaluation.pictures.canvas import Image, encoded_png
+from rendezvous.evaluation.pictures.canvas import Image
 from rendezvous.evaluation.pictures.poses import labelled_image
-from rendezvous.evaluation.relative_pose.errors import ImageTruth, PoseOutcome, PoseOutcomes
+from rendezvous.evaluation.relative_pose.errors import PoseOutcome
 from rendezvous.evaluation.relative_pose.summary import TARGET_HEADING_RAD, TARGET_POSITION_M
-from rendezvous.evaluation.report.html_page import Html, joined, paragraph, picture, strong, subheading
 from rendezvous.geometry.camera import PinholeCamera
 from rendezvous.geometry.cuboid import Vec3, project_cuboid
 from rendezvous.geometry.se2 import Array
@@ -26,45 +24,37 @@ class PoseShown:
     """One image of the gallery.
 
     Attributes:
-        why: it is shown, e.g. best.
-        truth: what it shows.
-        outcome: what was read from it.
-        position_m, heading_rad: the error; NaN where there is none.
+        why: why it is shown, e.g. best.
+        row: of the image in a table of `pose_table`.
         image: with the cuboid that was read, and the box of the robot's visible pixels.
     """
 
     why: str
-    truth: ImageTruth
-    outcome: PoseOutcome
-    position_m: float
-    heading_rad: float
+    row: Any
     image: Image
 
 
-def chosen_images(found: PoseOutcomes, *, each: int = _EACH) -> list[tuple[str, int]]:
-    """Which images are shown, and why: the best, median and worst detections, missed and false ones.
+def chosen_images(images: pd.DataFrame, *, each: int = _EACH) -> list[tuple[str, int]]:
+    """Reasons and row numbers of the best, median and worst detections, of missed robots and false ones.
 
-    Best and median are by both components, each measured by what is wanted of it. The worst are half those
-    with the largest errors in position and half in heading. Of the missed, those of
-    which most is visible; of the false, those of the highest score.
+    Best and median are by the sum of both errors, each divided by its goal. Half of the worst have the
+    largest errors in position, half in heading. The missed are those of which most is visible, the false
+    detections those of the highest score.
     """
-    made = np.flatnonzero(found.detected)
-    off = found.position_m / TARGET_POSITION_M + found.heading_rad / TARGET_HEADING_RAD
-    by_both = made[np.argsort(off[made], kind="stable")]
-    by_position = made[np.argsort(found.position_m[made], kind="stable")]
-    by_heading = made[np.argsort(found.heading_rad[made], kind="stable")]
-    missed = np.flatnonzero(found.shows_robot & ~found.found)
-    missed = missed[np.argsort(-found.truth("visibility")[missed], kind="stable")]
-    false = np.flatnonzero(~found.shows_robot & found.found)
-    scores = np.array([found.rows[number].score for number in false])
+    made = images[images.detected]
+    by_both = (made.position_m / TARGET_POSITION_M + made.turn_rad / TARGET_HEADING_RAD).sort_values(
+        kind="stable"
+    )
     middle = max(len(made) // 2 - each // 2, 0)
-    worst = [*dict.fromkeys([*by_position[::-1][: each // 2].tolist(), *by_heading[::-1][:each].tolist()])]
+    worst = [*made.position_m.nlargest(each // 2).index, *made.turn_rad.nlargest(each).index]
+    missed = images[images.shows_robot & ~images.found]
+    false = images[~images.shows_robot & images.found]
     named = {
-        "best": by_both[:each],
-        "median": by_both[middle : middle + each],
-        "worst": np.array(worst[:each], dtype=np.int64),
-        "missed": missed[:each],
-        "false detection": false[np.argsort(-scores, kind="stable")][:each],
+        "best": by_both.index[:each],
+        "median": by_both.index[middle : middle + each],
+        "worst": list(dict.fromkeys(worst))[:each],
+        "missed": missed.visibility.nlargest(each).index,
+        "false detection": false.score.nlargest(each).index,
     }
     shown: dict[int, str] = {}
     for why, numbers in named.items():
@@ -75,62 +65,15 @@ def chosen_images(found: PoseOutcomes, *, each: int = _EACH) -> list[tuple[str, 
 
 def pose_shown(
     why: str,
-    found: PoseOutcomes,
-    number: int,
+    row: Any,
+    outcome: PoseOutcome,
     *,
     encoded: bytes,
     camera: PinholeCamera,
     cuboid_size_m: Vec3,
     box_px: Array | None,
 ) -> PoseShown:
-    """One image of the gallery, drawn."""
-    outcome = found.rows[number]
+    """An image of the gallery: its row of the table, its outcome and what is needed to draw it."""
     read = None if outcome.T_c_o is None else project_cuboid(outcome.T_c_o, cuboid_size_m, camera)
-    row = {"image": encoded, "projected_cuboid_px": read, "box_px": box_px, "pose_id": outcome.image_id}
-    return PoseShown(
-        why=why,
-        truth=found.truths[number],
-        outcome=outcome,
-        position_m=float(found.position_m[number]),
-        heading_rad=float(found.heading_rad[number]),
-        image=labelled_image(row, width_px=IMAGE_PX),
-    )
-
-
-def pose_gallery(shown: Sequence[PoseShown]) -> list[Html]:
-    """The gallery's section; empty without images."""
-    if not shown:
-        return []
-    out = [
-        paragraph(
-            "The cuboid that was read from each image (orange: its front), and in white the box of the "
-            "robot's visible pixels, from the truth. A small robot is magnified in a corner."
-        )
-    ]
-    for why in dict.fromkeys(each.why for each in shown):
-        pictures = "".join(_figure(each).text for each in shown if each.why == why)
-        out.append(joined(subheading(_PLURALS[why]), Html(f'<div class="images">{pictures}</div>')))
-    return out
-
-
-_PLURALS = {
-    "best": "Best",
-    "median": "Median",
-    "worst": "Worst in position and in heading",
-    "missed": "Missed, those first of which most is visible",
-    "false detection": "False detections",
-}
-
-
-def _figure(shown: PoseShown) -> Html:
-    words: list[str] = []
-    if math.isfinite(shown.position_m):
-        words.append(f"off by {shown.position_m:.3f} m, {math.degrees(shown.heading_rad):.1f}°")
-    elif shown.outcome.reason:
-        words.append(shown.outcome.reason)
-    if shown.truth.shows_robot:
-        words.append(f"at {shown.truth.distance_m:.2f} m, {shown.truth.visibility:.0%} visible")
-    words.append(f"score {shown.outcome.score:.2f}")
-    image = picture(encoded_png(shown.image), alt=shown.why)
-    caption = joined(strong(shown.truth.kind), Html("<br>"), "; ".join(words))
-    return Html(f"<figure>{image.text}<figcaption>{caption.text}</figcaption></figure>")
+    drawn = {"image": encoded, "projected_cuboid_px": read, "box_px": box_px, "pose_id": outcome.image_id}
+    return PoseShown(why=why, row=row, image=labelled_image(drawn, width_px=IMAGE_PX))
