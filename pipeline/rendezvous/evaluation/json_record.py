@@ -37,7 +37,8 @@ class JsonRecord:
 
     def to_json(self) -> dict[str, Any]:
         """The fields as JSON holds them."""
-        return _adapter(type(self)).dump_python(self, mode="json")
+        kind: Any = type(self)
+        return _adapter(kind).dump_python(self, mode="json")
 
     @classmethod
     def from_json(cls, fields: Mapping[str, Any]) -> Self:
@@ -46,9 +47,10 @@ class JsonRecord:
         Raises:
             ValueError, TypeError: these are not the record's fields.
         """
-        return _adapter(cls).validate_python(dict(fields))
+        kind: Any = cls
+        return _adapter(kind).validate_python(dict(fields))
 
 
 @cache
-def _adapter(kind: type[Any]) -> TypeAdapter[Any]:
+def _adapter(kind: Any) -> TypeAdapter[Any]:
     return TypeAdapter(kind)

@@ -62,11 +62,9 @@ def split_table(rows: pa.Table, counts: Mapping[str, Callable[[pa.Table], int]])
         counts: what to count in a split's rows, by the column's title.
     """
     parts = {split: rows.filter(pc.field("split") == split) for split in SPLITS}
-    lines = [
-        (split, *(count(part) for count in counts.values())) for split, part in parts.items() if len(part)
-    ]
-    totals = [sum(line[i] for line in lines) for i in range(1, len(counts) + 1)]
-    return markdown_table(("split", *counts), [*lines, ("all", *totals)])
+    lines = {split: [count(part) for count in counts.values()] for split, part in parts.items() if len(part)}
+    lines["all"] = [sum(column) for column in zip(*lines.values(), strict=True)]
+    return markdown_table(("split", *counts), [(split, *line) for split, line in lines.items()])
 
 
 def distinct(column: str) -> Callable[[pa.Table], int]:

@@ -97,10 +97,10 @@ class PoseOutcome(JsonRecord):
         best = pose.best if pose.found else None
         return PoseOutcome(
             image_id=image_id,
-            T_r0_r1=best and best.T_r0_r1,
-            covariance=best and best.covariance,
+            T_r0_r1=best.T_r0_r1 if best else None,
+            covariance=best.covariance if best else None,
             degrees_of_freedom=best.degrees_of_freedom if best else math.inf,
-            T_c_o=best and best.T_c_o,
+            T_c_o=best.T_c_o if best else None,
             others=tuple(mode.T_r0_r1 for mode in pose.modes[1:]),
             mass=best.mass if best else 0.0,
             score=pose.score,
