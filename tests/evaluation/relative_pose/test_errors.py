@@ -60,8 +60,10 @@ def test_a_turn_by_less_is_none_and_no_other_reading_corrects_it():
 
 @pytest.mark.parametrize(
     ("x_m", "y_m", "yaw_deg", "inside"),
-    [(1.9, 0.0, 0.0, True), (2.1, 0.0, 0.0, False), (1.5, 1.5, 0.0, False), (0.0, 0.0, 44.0, True)]
-    + [(0.0, 0.0, -44.0, True), (0.0, 0.0, -46.0, False)],
+    [
+        *((1.9, 0.0, 0.0, True), (2.1, 0.0, 0.0, False), (1.5, 1.5, 0.0, False)),
+        *((0.0, 0.0, 44.0, True), (0.0, 0.0, -44.0, True), (0.0, 0.0, -46.0, False)),
+    ],
 )
 def test_the_window_is_2_m_in_any_direction_and_45_degrees(x_m, y_m, yaw_deg, inside):
     seen = SE2(2.0, 0.3, 0.0)

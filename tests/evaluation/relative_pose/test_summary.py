@@ -78,8 +78,11 @@ def test_every_image_that_shows_the_robot_is_in_one_group_of_each_kind():
 
 @pytest.mark.parametrize(
     ("x_m", "visibility", "distances", "visibilities"),
-    [(0.9, 0.1, "< 1 m", "< 0.25"), (1.5, 0.25, "1–1.75 m", "0.25–0.5"), (2.0, 0.6, "1.75–2.5 m", "0.5–0.75")]
-    + [(3.0, 0.75, "2.5–3.5 m", "> 0.75"), (4.0, 1.0, "> 3.5 m", "> 0.75")],
+    [
+        *((0.9, 0.1, "< 1 m", "< 0.25"), (1.5, 0.25, "1–1.75 m", "0.25–0.5")),
+        *((2.0, 0.6, "1.75–2.5 m", "0.5–0.75"), (3.0, 0.75, "2.5–3.5 m", "> 0.75")),
+        (4.0, 1.0, "> 3.5 m", "> 0.75"),
+    ],
 )
 def test_images_are_binned_by_distance_and_visibility(x_m, visibility, distances, visibilities):
     found = outcomes([truth(0, SE2(x_m, 0.0, 0.0), visibility=visibility)], [read_as()])

@@ -3,9 +3,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-pd = pytest.importorskip("pandas")
 pytest.importorskip("seaborn")
 
+import pandas as pd
 from matplotlib.collections import FillBetweenPolyCollection
 from matplotlib.figure import Figure
 from rendezvous.evaluation.report.violins import Component, draw_violins, violin_chart
