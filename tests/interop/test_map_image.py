@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import struct
 import tracemalloc
+import warnings
 import zlib
 
 import cv2
@@ -25,16 +26,19 @@ def _encoded(suffix: str, pixels: np.ndarray = GREYS) -> bytes:
     return cv2.imencode(suffix, pixels)[1].tobytes()
 
 
-def _png(width: int, height: int, *, colour: int, rows: bytes, end: bool = True) -> bytes:
-    """A PNG of 8 bits of one of PNG's colour types, each row after its filter byte 0."""
+def _png(
+    width: int, height: int, *, colour: int, rows: bytes, end: bool = True, bits: int = 8, chunks=()
+) -> bytes:
+    """A PNG of one of PNG's colour types, each row after its filter byte 0."""
     chunks = [
-        (b"IHDR", struct.pack(">IIBBBBB", width, height, 8, colour, 0, 0, 0)),
+        (b"IHDR", struct.pack(">IIBBBBB", width, height, bits, colour, 0, 0, 0)),
+        *chunks,
         (b"IDAT", zlib.compress(rows)),
         (b"IEND", b""),
     ]
     parts = [
         struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data))
-        for name, data in chunks[: 3 if end else 2]
+        for name, data in chunks[: None if end else -1]
     ]
     return b"\x89PNG\r\n\x1a\n" + b"".join(parts)
 
@@ -55,6 +59,80 @@ def test_any_pgm_gives_the_numbers_in_it(tmp_path_factory, white, width, height,
     image = _read(tmp_path_factory.mktemp("pgm"), gap.join(fields) + b"\n" + body)
     assert np.array_equal(image.grey, values)
     assert (image.white, image.alpha) == (white, None)
+
+
+RASTER = bytes([0, 205, 254, 10, 205, 0])
+
+
+def _silently(tmp_path, data: bytes) -> list[list[int]]:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        return _read(tmp_path, data).grey.tolist()
+
+
+HEADERS = (
+    b"P5\n3 2\n255\n",
+    b"P5\r\n3 2\r\n255\r\n",
+    b"P5\r\n# CREATOR: map_saver 0.050 m/pix\r\n3 2\r\n255\r\n",
+    b"P5\r3 2\r255\r",
+    b"P5#x\n3#width\n#\n2\n#maximum\n255\n",
+    b"P5\n3 2\n255#x\n",
+)
+SLOPPY_HEADERS = (b"P5 3 2 255\r\n", b"P5\n3 2\n255 # x\n", b"P5\n3 2\n255  \n", b"P5\n3 2\n255 # x\r\n")
+
+
+@pytest.mark.parametrize("header", HEADERS + SLOPPY_HEADERS)
+def test_the_header_of_a_binary_pgm_ends_where_the_size_says(tmp_path, header):
+    assert _silently(tmp_path, header + RASTER) == [[0, 205, 254], [10, 205, 0]]
+    assert _silently(tmp_path, header + RASTER + b"\n") == [[0, 205, 254], [10, 205, 0]]
+
+
+@pytest.mark.parametrize("header", HEADERS)
+def test_no_pixel_goes_missing_after_any_header(tmp_path, header):
+    with pytest.raises(MapError, match="PGM is cut off: 5 of 3 x 2 = 6 pixels"):
+        _read(tmp_path, header + RASTER[:-1])
+
+
+def test_pixels_that_look_like_white_space_are_pixels(tmp_path):
+    assert _silently(tmp_path, b"P5\n3 1\n255\n\n\r ") == [[10, 13, 32]]
+    assert _silently(tmp_path, b"P5 3 1 255\r\n\n\n") == [[10, 10, 10]]
+
+
+def test_a_text_conversion_of_all_the_file_is_undone(tmp_path):
+    converted = (b"P5\n3 2\n255\n" + RASTER).replace(b"\n", b"\r\n")
+    assert _silently(tmp_path, converted) == [[0, 205, 254], [10, 205, 0]]
+
+
+def test_a_plain_pgm_may_have_crlf_and_comments(tmp_path):
+    text = b"P2\r\n# x\r\n3 2\r\n255 # y\r\n0 205 254 # z\r\n10 205 0\r\n"
+    assert _silently(tmp_path, text) == [[0, 205, 254], [10, 205, 0]]
+
+
+@pytest.mark.parametrize(
+    ("data", "said"),
+    [
+        (b"P5\n3 2\n255\n" + RASTER + b"more", "4 bytes after the last of 3 x 2 pixels are left out"),
+        (b"P5\r\n3 2\r\n255\r\n" + RASTER + b"more", "4 bytes after the last of 3 x 2 pixels"),
+        (b"P2\n3 2\n255\n0 205 254 10 205 0 7 7", "2 numbers after the last of 3 x 2 pixels"),
+    ],
+)
+def test_what_follows_the_last_pixel_is_told(tmp_path, data, said):
+    with pytest.warns(UserWarning, match=said):
+        assert _read(tmp_path, data).grey.tolist() == [[0, 205, 254], [10, 205, 0]]
+
+
+@pytest.mark.parametrize(
+    ("bits", "colour", "rows", "chunks", "expected"),
+    [
+        (1, 0, [0, 0b10110000], [], [255, 0, 255, 255]),
+        (4, 0, [0, 0x0D, 0xF0], [], [0, 221, 255, 0]),
+        (8, 3, [0, 0, 1, 2, 1], [(b"PLTE", bytes([0] * 3 + [205] * 3 + [254] * 3))], [0, 205, 254, 205]),
+        (8, 0, [0, 0, 205, 254, 1], [(b"gAMA", struct.pack(">I", 45455))], [0, 205, 254, 1]),
+    ],
+)
+def test_a_png_of_any_depth_gives_its_greys(tmp_path, bits, colour, rows, chunks, expected):
+    image = _read(tmp_path, _png(4, 1, bits=bits, colour=colour, rows=bytes(rows), chunks=chunks))
+    assert (image.grey.tolist(), image.alpha, image.white) == ([expected], None, 255)
 
 
 def test_a_pgm_is_read_as_opencv_reads_it(tmp_path):

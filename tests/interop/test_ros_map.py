@@ -6,6 +6,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 from rendezvous.errors import MapError
@@ -126,30 +127,65 @@ def _altered(tmp_path, old: str, new: str):
     return path
 
 
-def test_unknown_cells_survive_the_thresholds_that_nav2_once_wrote(tmp_path):
-    path = _altered(tmp_path, "free_thresh: 0.196", "free_thresh: 0.25")
-    with pytest.warns(UserWarning, match=r"free_thresh 0\.25 makes grey 205, unknown in a trinary map, free"):
-        assert _same(read_ros_map(path, strict=False), GRID)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        strictly = read_ros_map(path, strict=True)
-    assert np.array_equal(strictly.free(), GRID.cells != OCCUPIED)
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("mode: trinary", "mode: Trinary"),
+        ("mode: trinary", "mode:"),
+        ("mode: trinary\n", ""),
+        ("negate: 0", 'negate: "0"'),
+        ("negate: 0", "negate: false"),
+        ("negate: 0", "negate: 0.0"),
+        ("resolution: 0.05", 'resolution: "0.05"'),
+        ("image: map.pgm", 'image: "map.pgm"'),
+        ("origin: [-3.25, 1.5, 0.3]", 'origin: ["-3.25", "1.5", "0.3"]'),
+    ],
+)
+def test_what_is_spelt_otherwise_is_read_as_meant(tmp_path, old, new):
+    assert _same(read_ros_map(_altered(tmp_path, old, new), strict=False), GRID)
 
 
-def test_unknown_cells_of_a_negated_map_survive_them_too(tmp_path):
-    path = _altered(tmp_path, "negate: 0", "negate: 1")
-    path.write_text(path.read_text().replace("free_thresh: 0.196", "free_thresh: 0.25"))
-    inverted = 255 - GRID.cells
-    (tmp_path / "map.pgm").write_bytes(b"P5\n11 7\n255\n" + inverted[::-1].tobytes())
-    with pytest.warns(UserWarning, match="makes grey 50, unknown in a trinary map, free"):
-        assert _same(read_ros_map(path, strict=False), GRID)
+@pytest.mark.parametrize("negate", ["1", '"1"', "true", '"True"', "1.0"])
+def test_negate_may_be_spelt_in_many_ways(tmp_path, negate):
+    path = _altered(tmp_path, "negate: 0", f"negate: {negate}")
+    (tmp_path / "map.pgm").write_bytes(b"P5\n11 7\n255\n" + (255 - GRID.cells)[::-1].tobytes())
+    assert _same(read_ros_map(path, strict=False), GRID)
 
 
-def test_a_grey_scale_that_happens_to_hold_205_keeps_to_its_thresholds(tmp_path):
-    path = _image_map(tmp_path, np.array([[0, 100, 205, 254]], np.uint8), free_thresh=0.25)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        assert read_ros_map(path, strict=False).cells.tolist() == [[OCCUPIED, UNKNOWN, FREE, FREE]]
+@pytest.mark.parametrize(
+    "name", ["a map.png", "map #2.png", "a: b.png", "- x.png", "käfer.png", "'.png", "\udcff.png"]
+)
+def test_any_name_of_an_image_is_written_so_that_it_is_read(tmp_path, name):
+    path = (tmp_path / name).with_suffix(".yaml")
+    write_ros_map(GRID, path)
+    assert _same(read_ros_map(path, strict=False), GRID)
+
+
+def test_numbers_of_numpy_are_written_as_numbers(tmp_path):
+    grid = OccupancyGrid(
+        cells=GRID.cells,
+        resolution_m=np.float64(0.05),
+        T_m_g=SE2(np.float64(-3.25), np.float64(1.5), np.float64(0.3)),
+    )
+    write_ros_map(grid, tmp_path / "map.yaml")
+    fields = yaml.safe_load((tmp_path / "map.yaml").read_text())
+    assert (fields["resolution"], fields["origin"]) == (0.05, [-3.25, 1.5, 0.3])
+
+
+def test_a_grey_exactly_on_a_threshold_is_unknown(tmp_path):
+    # 51 and 204 of 255 are p = 0.8 and p = 0.2 without a remainder.
+    pixels = np.array([[50, 51, 52, 203, 204, 205]], np.uint8)
+    path = _image_map(tmp_path, pixels, occupied_thresh=0.8, free_thresh=0.2)
+    expected = [OCCUPIED, UNKNOWN, UNKNOWN, UNKNOWN, UNKNOWN, FREE]
+    assert read_ros_map(path, strict=True).cells[0].tolist() == expected
+
+
+def test_between_equal_thresholds_nothing_is_unknown_but_what_lies_on_them(tmp_path):
+    pixels = np.array([[0, 127, 128, 255]], np.uint8)
+    path = _image_map(tmp_path, pixels, occupied_thresh=0.5, free_thresh=0.5)
+    assert read_ros_map(path, strict=True).cells[0].tolist() == [OCCUPIED, OCCUPIED, FREE, FREE]
+    on_it = _image_map(tmp_path, pixels[:, :1] + np.uint8(51), occupied_thresh=0.8, free_thresh=0.8)
+    assert read_ros_map(on_it, strict=True).cells.tolist() == [[UNKNOWN]]
 
 
 def test_a_negated_map_is_read_the_other_way_round(tmp_path):
@@ -172,7 +208,7 @@ def test_a_negated_map_is_read_the_other_way_round(tmp_path):
         ("origin: [-3.25, 1.5, 0.3]", "origin: [0, 0]", r"origin is \[0, 0\]; must be \[x, y, yaw\]"),
         ("origin: [-3.25, 1.5, 0.3]", "origin: [0, .inf, 0]", r"origin is \[0, inf, 0\]; must be \[x"),
         ("origin: [-3.25, 1.5, 0.3]", "origin: 3", r"origin is 3; must be \[x, y, yaw\]"),
-        ("mode: trinary", "mode: Raw", "mode is 'Raw'; must be one of trinary, scale, raw"),
+        ("mode: trinary", "mode: row", "mode is 'row'; must be one of trinary, scale, raw"),
         ("mode: trinary", "mode: [raw]", r"mode is \['raw'\]; must be one of"),
         (
             "image: map.pgm",
@@ -204,7 +240,7 @@ def test_a_negated_map_is_read_the_other_way_round(tmp_path):
             r"free_thresh is -0\.1; must be a probability from 0 to 1",
         ),
         ("free_thresh: 0.196", "free_thresh: .nan", "free_thresh is nan; must be a probability"),
-        ("free_thresh: 0.196", "free_thresh: 0.65", r"free_thresh 0\.65 is not below occupied_thresh 0\.65"),
+        ("free_thresh: 0.196", "free_thresh: 0.66", r"free_thresh 0\.66 is above occupied_thresh 0\.65"),
         ("free_thresh: 0.196", "free_thresh: &a [*a]", r"free_thresh is \[.*\]; must be a probability"),
     ],
 )

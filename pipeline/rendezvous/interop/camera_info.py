@@ -27,10 +27,13 @@ from rendezvous.interop.yaml_fields import number, numbers, read_yaml_fields, sh
 FISHEYE_MODELS = ("equidistant", "fisheye")
 COEFFICIENT_COUNTS = {
     "plumb_bob": (4, 5),
-    "rational_polynomial": (8,),
+    "rational_polynomial": (4, 5, 8, 12, 14),
     **dict.fromkeys(FISHEYE_MODELS, (4,)),
 }
 """How many coefficients a model may have; none at all is a lens without distortion."""
+
+_PADDED_COUNTS = (5, 8, 12, 14)
+"""Drivers write as many coefficients as OpenCV's models have; those beyond their own model's are 0."""
 
 RIGHT = "a camera calibration of ROS (image_width, image_height, camera_matrix, distortion_coefficients)"
 
@@ -55,12 +58,11 @@ class CameraInfo:
         Raises:
             CameraError: the image has another size than the calibration.
         """
-        height, width = image.shape[:2]
         camera = self.camera
-        if (width, height) != (camera.width_px, camera.height_px):
+        if image.shape[1::-1] != (camera.width_px, camera.height_px):
             raise CameraError(
-                f"image of {width} x {height} px; the camera is calibrated for {camera.width_px} x "
-                f"{camera.height_px} px"
+                f"image of {image.shape[1]} x {image.shape[0]} px; the camera is calibrated for "
+                f"{camera.width_px} x {camera.height_px} px"
             )
         fisheye = self.distortion_model in FISHEYE_MODELS
         # A fisheye lens bends the image also where its coefficients are 0.
@@ -79,25 +81,31 @@ def read_camera_info(path: Path) -> CameraInfo:
         CameraError: the file is missing or no calibration, or a value is wrong; says which.
     """
     fields = read_yaml_fields(path, CameraError, right=RIGHT)
-    _require_whole_image(fields, path)
+    camera = _camera(fields, path)
+    _require_whole_image(fields, camera, path)
     model = fields.get("distortion_model") or "plumb_bob"
-    if not isinstance(model, str) or model not in COEFFICIENT_COUNTS:
+    if not isinstance(model, str) or model.lower() not in COEFFICIENT_COUNTS:
         raise CameraError(
             f"{path}: distortion_model is {short(model)}; must be one of {', '.join(COEFFICIENT_COUNTS)}"
         )
     distortion = _list(fields, ("distortion_coefficients", "d", "D"), path)
-    if distortion and len(distortion) not in COEFFICIENT_COUNTS[model]:
-        counts = " or ".join(str(count) for count in COEFFICIENT_COUNTS[model])
-        raise CameraError(f"{path}: {model} has {len(distortion)} coefficients; must be {counts}, or none")
-    return CameraInfo(camera=_camera(fields, path), distortion_model=model, distortion=tuple(distortion))
+    counts = COEFFICIENT_COUNTS[model.lower()]
+    if len(distortion) in _PADDED_COUNTS and not any(distortion[counts[-1] :]):
+        distortion = distortion[: counts[-1]]
+    if distortion and len(distortion) not in counts:
+        raise CameraError(
+            f"{path}: {model} has {len(distortion)} coefficients; must be {' or '.join(map(str, counts))}, "
+            "or none"
+        )
+    return CameraInfo(camera=camera, distortion_model=model.lower(), distortion=tuple(distortion))
 
 
 def write_camera_info(camera: PinholeCamera, path: Path) -> None:
     """Writes a camera without distortion as `camera_calibration` does, for ROS and `read_camera_info`."""
     K = camera.K()
     fields = {
-        "image_width": camera.width_px,
-        "image_height": camera.height_px,
+        "image_width": int(camera.width_px),
+        "image_height": int(camera.height_px),
         "camera_name": path.stem,
         "camera_matrix": _matrix(K),
         "distortion_model": "plumb_bob",
@@ -117,6 +125,11 @@ def _camera(fields: Mapping[str, Any], path: Path) -> PinholeCamera:
     K = _list(fields, ("camera_matrix", "k", "K"), path)
     if len(K) != 9:
         raise CameraError(f"{path}: the camera matrix has {len(K)} numbers; must be 9, row by row")
+    if not any(K):
+        raise CameraError(
+            f"{path}: the camera matrix is all 0, as drivers write it for a camera that is not calibrated; "
+            "calibrate it, with camera_calibration for instance"
+        )
     fx_px, skew, cx_px, zero_0, fy_px, cy_px, *last_row = K
     if (skew, zero_0, *last_row) != (0.0, 0.0, 0.0, 0.0, 1.0) or fx_px <= 0.0 or fy_px <= 0.0:
         raise CameraError(
@@ -159,14 +172,15 @@ def _present(fields: Mapping[str, Any], keys: tuple[str, ...], path: Path) -> st
     raise CameraError(f"{path}: no key {' or '.join(repr(key) for key in keys)}; must be {RIGHT}")
 
 
-def _require_whole_image(fields: Mapping[str, Any], path: Path) -> None:
-    """A message may speak of a binned image or of a part of it, to which `K` does not apply as it is."""
+def _require_whole_image(fields: Mapping[str, Any], camera: PinholeCamera, path: Path) -> None:
+    """A message may describe a binned image or a part of one, to which `K` does not apply as it is."""
     for key in ("binning_x", "binning_y"):
-        if fields.get(key) not in (None, 0, 1):
+        if fields.get(key) is not None and number(fields[key]) not in (0, 1):
             raise CameraError(f"{path}: {key} is {short(fields[key])}; must be 0 or 1, an image not binned")
     roi = fields.get("roi")
     if not isinstance(roi, dict):
         return
-    part = [roi.get(key, 0) for key in ("x_offset", "y_offset", "width", "height")]
-    if part not in ([0, 0, 0, 0], [0, 0, fields.get("width"), fields.get("height")]):
-        raise CameraError(f"{path}: roi is x, y, width, height {short(part)}; must be 0, or the whole image")
+    part = [number(roi.get(key, 0)) for key in ("x_offset", "y_offset", "width", "height")]
+    if part not in ([0, 0, 0, 0], [0, 0, camera.width_px, camera.height_px]):
+        shown = short([roi.get(key, 0) for key in ("x_offset", "y_offset", "width", "height")])
+        raise CameraError(f"{path}: roi is x, y, width, height {shown}; must be 0, or the whole image")

@@ -21,7 +21,10 @@ def given_bytes(path: Path, *, most_bytes: int = MOST_BYTES) -> bytes:
     """
     if "\0" in str(path):
         raise OSError(errno.EINVAL, "no file's name holds a zero byte")
-    found = os.stat(path)
+    try:
+        found = os.stat(path)
+    except UnicodeEncodeError as error:
+        raise OSError(errno.EINVAL, "no file's name holds half a character") from error
     if stat.S_ISDIR(found.st_mode):
         raise IsADirectoryError(errno.EISDIR, "Is a directory")
     if not stat.S_ISREG(found.st_mode):

@@ -1,22 +1,36 @@
-"""The image of a ROS map: grey PGM, PNG or BMP, with or without transparency.
+"""Images of ROS maps: grey PGM, PNG or BMP, with or without transparency.
 
 map_server averages the channels of a coloured image. A coloured image is far more likely to be the wrong file
 than a map, so here it is an error; one that is grey in all three channels is read.
+
+PGM, plain (P2) and binary (P5), is read here and not by OpenCV, which scales maxima other than 255 its own
+way and prints what it finds wrong.
 """
 
 from __future__ import annotations
 
+import re
 import struct
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from rendezvous.errors import MapError
-from rendezvous.interop.decoding import PNG_START, decoded, is_whole_png
+from rendezvous.interop.decoding import PNG_START, decoded, is_whole
 from rendezvous.interop.given_file import given_bytes
-from rendezvous.interop.pgm import Grey, read_pgm, require_size
+
+MAX_PIXELS = 100_000_000
+"""Largest image of a map, in any format: 10,000 x 10,000 pixels, 500 m x 500 m at 0.05 m."""
+
+Grey = NDArray[np.uint8 | np.uint16]
+
+# White space and comments between the magic, the width, the height and the maximum.
+_GAP = rb"(?:\s|#[^\n\r]*[\n\r])+"
+_HEADER = re.compile(rb"(P[25])" + 3 * (_GAP + rb"(\d{1,9})") + rb"(?=[\s#])")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -35,31 +49,38 @@ class MapImage:
 
 
 def read_map_image(path: Path) -> MapImage:
-    """Reads an image; nothing is allocated for one that is larger than `MAX_PIXELS`.
+    """Read an image; nothing is allocated for one that is larger than `MAX_PIXELS`.
 
     Raises:
-        MapError: names the file, and what is wrong with it.
+        MapError: names the file and what is wrong with it.
+
+    Warns:
+        UserWarning: bytes follow the last pixel.
     """
     try:
         data = given_bytes(path)
     except OSError as error:
         raise MapError(f"{path}: image cannot be read ({error.strerror}); must be PGM, PNG or BMP") from error
     if data[:2] in (b"P2", b"P5"):
-        grey, white = read_pgm(data, path)
-        return MapImage(grey=grey, alpha=None, white=white)
+        return _pgm(data, path)
     width, height, whole = _announced(data, path)
-    require_size(width, height, path)
+    _require_size(width, height, path)
     pixels = decoded(data, cv2.IMREAD_UNCHANGED) if whole else None
     if pixels is None:
         raise MapError(f"{path}: {len(data):,} bytes of a damaged or cut off image; save or copy it again")
-    return _grey(pixels, path)
+    white = int(np.iinfo(pixels.dtype).max)
+    if pixels.ndim == 2:
+        return MapImage(grey=pixels, alpha=None, white=white)
+    grey = pixels[..., 0]
+    if (pixels[..., 1:3] != grey[..., None]).any():
+        raise MapError(f"{path}: is a coloured image; a map is grey")
+    return MapImage(grey=grey, alpha=pixels[..., 3] if pixels.shape[2] == 4 else None, white=white)
 
 
 def _announced(data: bytes, path: Path) -> tuple[int, int, bool]:
-    """Width and height by the header of a PNG or BMP, and whether the file goes on to its end."""
+    """Width and height by the header of a PNG or BMP, and whether the file reaches its end."""
     if data.startswith(PNG_START) and len(data) > 32:
-        width, height = struct.unpack(">II", data[16:24])
-        return width, height, is_whole_png(data)
+        return *struct.unpack(">II", data[16:24]), is_whole(data)
     if data.startswith(b"BM") and len(data) > 32:
         (size,) = struct.unpack("<I", data[2:6])
         width, height = struct.unpack("<ii", data[18:26])
@@ -67,12 +88,74 @@ def _announced(data: bytes, path: Path) -> tuple[int, int, bool]:
     raise MapError(f"{path}: {len(data):,} bytes that are no PGM (P2, P5), PNG or BMP image")
 
 
-def _grey(pixels: Grey, path: Path) -> MapImage:
-    white = int(np.iinfo(pixels.dtype).max)
-    if pixels.ndim == 2:
-        return MapImage(grey=pixels, alpha=None, white=white)
-    grey = pixels[..., 0]
-    if (pixels[..., 1] != grey).any() or (pixels[..., 2] != grey).any():
-        raise MapError(f"{path}: is a coloured image; a map is grey")
-    alpha = pixels[..., 3] if pixels.shape[2] == 4 else None
-    return MapImage(grey=grey, alpha=alpha, white=white)
+def _require_size(width: int, height: int, source: Path) -> None:
+    """Check an image's size before memory is taken for it."""
+    if not 0 < width * height <= MAX_PIXELS:
+        raise MapError(
+            f"{source}: image of {width} x {height} pixels; must be at least 1 and at most {MAX_PIXELS:,}"
+        )
+
+
+def _pgm(data: bytes, source: Path) -> MapImage:
+    header = _HEADER.match(data)
+    if header is None:
+        raise MapError(f"{source}: is no PGM: its header lacks width, height or maximum after {data[:2]!r}")
+    width, height, white = (int(value) for value in header.groups()[1:])
+    _require_size(width, height, source)
+    if not 0 < white < 65536:
+        raise MapError(f"{source}: PGM with maximum {white}; must be from 1 to 65535")
+    rest, count = data[header.end() :], width * height
+    if header[1] == b"P2":
+        found = _numbers(rest, source)
+        following = found.size - count
+    else:
+        pixel = np.dtype(np.uint8 if white < 256 else ">u2")
+        raster = _raster(rest, count * pixel.itemsize, crlf=b"\r\n" in header[0])
+        found = np.frombuffer(raster, pixel, len(raster) // pixel.itemsize)
+        following = len(raster) - count * pixel.itemsize
+    if found.size < count:
+        raise MapError(f"{source}: PGM is cut off: {found.size:,} of {width} x {height} = {count:,} pixels")
+    if following > 0:
+        what = "numbers" if header[1] == b"P2" else "bytes"
+        warnings.warn(
+            f"{source}: {following:,} {what} after the last of {width} x {height} pixels are left out; is "
+            "the size in its header right?",
+            stacklevel=4,
+        )
+    grey = found[:count].reshape(height, width)
+    if int(grey.max()) > white:
+        raise MapError(f"{source}: PGM holds grey {int(grey.max())}; its maximum is {white}")
+    return MapImage(
+        grey=grey.astype(np.uint8 if white < 256 else np.uint16, copy=False), alpha=None, white=white
+    )
+
+
+def _raster(rest: bytes, size_bytes: int, *, crlf: bool) -> bytes:
+    """The pixels of a binary PGM: a single white space ends its header, or a comment right after the maximum.
+
+    Some programs end that line with more, or write a line's end after the pixels: the size gives it away. A
+    line that ends in CRLF is one of them, or the work of a text conversion, as git's, which may have changed
+    the pixels too.
+    """
+    extra = len(rest) - size_bytes
+    starts: tuple[int, ...]
+    if crlf and rest.startswith(b"\r\n"):
+        undone = rest[2:].replace(b"\r\n", b"\n")
+        starts, rest = (2,), rest if len(undone) != size_bytes else b"\r\n" + undone
+    elif extra > 0 and re.fullmatch(_GAP, rest[:extra]):
+        starts = (extra,)
+    else:
+        ends = (re.match(end, rest) for end in (rb"(?:#[^\n\r]*)?\s", rb"[ \t]*(?:#[^\n\r]*)?\r?\n"))
+        starts = tuple(end.end() for end in ends if end)
+    for start in starts:
+        if rest[start + size_bytes :].isspace():
+            return rest[start : start + size_bytes]
+    return rest[starts[0] :]
+
+
+def _numbers(body: bytes, source: Path) -> NDArray[np.uint32]:
+    """The pixels of a plain PGM."""
+    values = re.sub(rb"#[^\n\r]*", b"", body)
+    if re.search(rb"[^\d\s]|\d{6}", values):
+        raise MapError(f"{source}: plain PGM (P2) with something else than numbers up to 65535")
+    return np.array(values.split(), dtype="S5").astype(np.uint32)

@@ -1,8 +1,8 @@
 """Maps of ROS: an image of the occupancy grid and a YAML file beside it (`map_server`, `map_saver`).
 
 How dark a pixel is says how likely its cell is occupied: `p = 1 - grey / white`, or `grey / white` if
-`negate` is set. Above `occupied_thresh` a cell is occupied, below `free_thresh` free, else unknown. What the
-modes make of that, as in nav2's map_server (ROS 1 differs only where told):
+`negate` is set. Above `occupied_thresh` a cell is occupied, else below `free_thresh` free, else unknown. The
+modes are those of nav2's map_server (ROS 1 differs only where noted):
 
 - `trinary`: just that. Transparency is averaged into the grey value as if it were a colour, in ROS 1 as in
   nav2: fully transparent black is `p = 1`, occupied, transparent white `p = 0.25`, unknown.
@@ -12,21 +12,26 @@ modes make of that, as in nav2's map_server (ROS 1 differs only where told):
 - `raw`: the grey value itself (0 to 255) is the occupancy in per cent, `p = grey / 100`; above 100 it is
   unknown. The same thresholds reduce it to three values. `negate` does nothing (it does in ROS 1), nor does
   transparency.
+
+Unless it is asked to be strict, `read_ros_map` departs from this where it turns unknown cells into free or
+occupied ones: see `map_greys`. A transparent pixel is unknown then, and an opaque one has its grey value.
 """
 
 from __future__ import annotations
 
 import math
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import yaml
 
 from rendezvous.errors import MapError
-from rendezvous.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN, Cells, Mask, OccupancyGrid
-from rendezvous.geometry.se2 import SE2, Array
+from rendezvous.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN, Cells, OccupancyGrid
+from rendezvous.geometry.se2 import SE2
+from rendezvous.interop.map_greys import Thresholds, keep_meaning
 from rendezvous.interop.map_image import MapImage, read_map_image
 from rendezvous.interop.yaml_fields import number, numbers, read_yaml_fields, short
 
@@ -35,11 +40,12 @@ OCCUPIED_THRESH, FREE_THRESH = 0.65, 0.196
 
 MODES = ("trinary", "scale", "raw")
 KEYS = "a ROS map's image, resolution and origin"
+_NEGATE = {"0": False, "0.0": False, "false": False, "1": True, "1.0": True, "true": True}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Header:
-    """What the YAML file says."""
+    """The YAML file's values."""
 
     image: str
     mode: str
@@ -51,7 +57,7 @@ class _Header:
 
 
 def write_ros_map(grid: OccupancyGrid, yaml_path: Path) -> Path:
-    """Writes a grid as a PGM and a YAML that ROS 1 and ROS 2 load as it is.
+    """Write a grid as a PGM and a YAML file that ROS 1 and ROS 2 load.
 
     Args:
         grid: the map.
@@ -68,126 +74,135 @@ def write_ros_map(grid: OccupancyGrid, yaml_path: Path) -> Path:
 
 
 def ros_map_bytes(grid: OccupancyGrid, image_name: str) -> tuple[bytes, bytes]:
-    """What `write_ros_map` writes: the PGM, and the YAML that calls it by this name."""
+    """The PGM of a grid, and the YAML that names it `image_name`."""
     height, width = grid.cells.shape
-    x_m, y_m, yaw_rad = (float(value) for value in grid.T_m_g.wrapped().as_array())
-    header = (
-        f"image: {image_name}\nmode: trinary\nresolution: {grid.resolution_m!r}\n"
-        f"origin: [{x_m!r}, {y_m!r}, {yaw_rad!r}]\nnegate: 0\n"
-        f"occupied_thresh: {OCCUPIED_THRESH}\nfree_thresh: {FREE_THRESH}\n"
+    fields = {
+        "image": image_name,
+        "mode": "trinary",
+        "resolution": float(grid.resolution_m),
+        "origin": [float(value) for value in grid.T_m_g.wrapped().as_array()],
+        "negate": 0,
+        "occupied_thresh": OCCUPIED_THRESH,
+        "free_thresh": FREE_THRESH,
+    }
+    header = yaml.safe_dump(
+        fields, sort_keys=False, default_flow_style=None, allow_unicode=True, width=math.inf
     )
     return f"P5\n{width} {height}\n255\n".encode() + grid.cells[::-1].tobytes(), header.encode()
 
 
 def read_ros_map(yaml_path: Path, *, strict: bool) -> OccupancyGrid:
-    """Reads a map of ROS, of any mode, as a trinary grid.
-
-    Some versions of nav2 saved `free_thresh: 0.25`, with which the unknown cells (205) of their own trinary
-    files load as free. Such cells are read as unknown, with a warning.
+    """Read a map of ROS, of any mode, as a trinary grid.
 
     Args:
         yaml_path: the YAML file; `image` in it is absolute or relative to its folder.
-        strict: keep to the thresholds as they are written, also there.
+        strict: keep to map_server's rule also where it makes unknown cells free or occupied.
 
     Raises:
-        MapError: a file is missing or no map, or a key is missing or wrong; says which.
+        MapError: a file is missing or is no map, or a key is missing or wrong; or, unless strict, the greys
+            are of another scale than the thresholds.
+
+    Warns:
+        UserWarning: the map can be read, but something in it is probably not what was meant.
     """
     header = _header(yaml_path)
     image = read_map_image(yaml_path.parent / header.image)
-    shades, white = _shades(image, header)
-    values = _values_of_shades(header, white)
-    if not strict and header.mode == "trinary" and image.alpha is None and image.white == 255:
-        _keep_unknown(values, _occurring(shades), header, yaml_path)
-    cells = values[shades]
-    if header.mode == "scale" and image.alpha is not None:
-        cells[image.alpha < image.white] = UNKNOWN
+    if strict or header.mode == "raw":
+        cells = _as_map_server_reads(image, header)
+    else:
+        cells = _as_meant(image, header, yaml_path)
     return OccupancyGrid(
         cells=np.ascontiguousarray(cells[::-1]), resolution_m=header.resolution_m, T_m_g=header.T_m_g
     )
 
 
 def map_image_path(yaml_path: Path) -> Path:
-    """The image that the YAML file of a ROS map names.
+    """Path of the image that the YAML file of a ROS map names.
 
     Raises:
-        MapError: the file is missing or no YAML, or names none.
+        MapError: the file is missing or is no YAML, or names no image.
     """
     return yaml_path.parent / _image_name(read_yaml_fields(yaml_path, MapError, right=KEYS), yaml_path)
 
 
-def _shades(
-    image: MapImage, header: _Header
-) -> tuple[np.ndarray[Any, np.dtype[np.unsignedinteger[Any]]], int]:
-    """(H, W) how bright each pixel is, and the value of white."""
-    if header.mode != "trinary" or image.alpha is None:
-        return image.grey, image.white
-    return image.grey.astype(np.uint32) * 3 + image.alpha, 4 * image.white
-
-
-def _values_of_shades(header: _Header, white: int) -> Cells:
-    """(white + 1,) uint8: the grid's value for each shade."""
-    probability = _probability(header, white)
-    values = np.full(white + 1, UNKNOWN, np.uint8)
-    values[probability < header.free_thresh] = FREE
-    values[probability > header.occupied_thresh] = OCCUPIED
-    return values
-
-
-def _probability(header: _Header, white: int) -> Array:
-    """(white + 1,) of being occupied, for each shade; NaN where the shade says unknown."""
+def _as_map_server_reads(image: MapImage, header: _Header) -> Cells:
+    """(H, W) uint8, top row first."""
+    shades, white = image.grey, image.white
+    if header.mode == "trinary" and image.alpha is not None:
+        shades, white = image.grey.astype(np.uint32) * 3 + image.alpha, 4 * white
     shade = np.arange(white + 1)
     if header.mode == "raw":
         percent = np.round(255.0 * shade / white)
-        return np.where(percent <= 100.0, percent / 100.0, np.nan)
-    return (shade if header.negate else white - shade) / white
+        probability = np.where(percent <= 100.0, percent / 100.0, np.nan)
+    else:
+        probability = (shade if header.negate else white - shade) / white
+    values = np.full(white + 1, UNKNOWN, np.uint8)
+    values[probability < header.free_thresh] = FREE
+    values[probability > header.occupied_thresh] = OCCUPIED
+    cells: Cells = values[shades]
+    if header.mode == "scale" and image.alpha is not None:
+        cells[image.alpha < image.white] = UNKNOWN
+    return cells
 
 
-def _occurring(shades: np.ndarray[Any, Any]) -> Mask:
-    """(256,) bool: which greys the image has."""
-    occurring = np.zeros(256, np.bool_)
-    occurring[shades] = True
-    return occurring
-
-
-def _keep_unknown(values_in_place: Cells, occurring: Mask, header: _Header, source: Path) -> None:
-    """Makes the grey of unknown cells unknown if the image has no greys but those that map_saver writes."""
-    grey = 255 - UNKNOWN if header.negate else UNKNOWN
-    others = np.delete(occurring, [0, 1, grey, 254, 255])
-    if others.any() or not occurring[grey] or values_in_place[grey] != FREE:
-        return
-    warnings.warn(
-        f"{source}: free_thresh {header.free_thresh} makes grey {grey}, unknown in a trinary map, free; read "
-        "as unknown",
-        stacklevel=3,
+def _as_meant(image: MapImage, header: _Header, source: Path) -> Cells:
+    """As map_server reads it, but for what that makes of transparency and of unknown cells."""
+    if image.white > 255 >= image.grey.max() > 0:
+        raise MapError(
+            f"{source}: its image has {image.white:,} for white, and nothing above {image.grey.max()}: 8 "
+            "bits saved as 16; save it with 8, or use --strict to read it as it is"
+        )
+    cells = _as_map_server_reads(replace(image, alpha=None), header)
+    visible = np.ones(cells.shape, np.bool_)
+    if image.alpha is not None:
+        least = 0.5 if header.mode == "trinary" else 1.0
+        visible = image.alpha >= least * image.white
+        cells[~visible] = UNKNOWN
+        changed = cells != _as_map_server_reads(image, header)
+        if changed.any():
+            warnings.warn(
+                f"{source}: map_server averages the alpha channel into the grey; by the grey alone, and as "
+                f"transparent, {(cells[changed] == UNKNOWN).sum():,} more cells are read as unknown, "
+                f"{(cells[changed] != UNKNOWN).sum():,} fewer (as map_server reads them with --strict)",
+                stacklevel=3,
+            )
+    if header.mode == "scale" and not visible.all():
+        return cells  # transparency says what is unknown, so a grey is a probability
+    brightness = np.rint(np.arange(image.white + 1) * (255.0 / image.white)).astype(np.uint8)
+    keep_meaning(
+        cells,
+        (255 - brightness if header.negate else brightness)[image.grey],
+        visible,
+        Thresholds(occupied=header.occupied_thresh, free=header.free_thresh, negate=header.negate),
+        source,
     )
-    values_in_place[grey] = UNKNOWN
+    return cells
 
 
 def _header(path: Path) -> _Header:
     fields = read_yaml_fields(path, MapError, right=KEYS)
-    image = _image_name(fields, path)
-    mode = fields.get("mode", "trinary")
-    if mode not in MODES:
+    mode = fields.get("mode") or "trinary"
+    if not isinstance(mode, str) or mode.lower() not in MODES:
         raise MapError(f"{path}: mode is {short(mode)}; must be one of {', '.join(MODES)}")
     resolution_m = number(_required(fields, "resolution", path))
     if resolution_m is None or resolution_m <= 0.0:
         raise MapError(f"{path}: resolution is {short(fields['resolution'])}; must be metres above 0")
     negate = fields.get("negate", 0)
-    if negate not in (0, 1):
+    if str(negate).lower() not in _NEGATE:
         raise MapError(f"{path}: negate is {short(negate)}; must be 0 or 1")
     occupied_thresh = _threshold(fields, "occupied_thresh", OCCUPIED_THRESH, path)
     free_thresh = _threshold(fields, "free_thresh", FREE_THRESH, path)
-    if free_thresh >= occupied_thresh:
+    if free_thresh > occupied_thresh:
         raise MapError(
-            f"{path}: free_thresh {free_thresh} is not below occupied_thresh {occupied_thresh}; usual are "
+            f"{path}: free_thresh {free_thresh} is above occupied_thresh {occupied_thresh}; usual are "
             f"{FREE_THRESH} and {OCCUPIED_THRESH}"
         )
     return _Header(
-        image=image,
-        mode=mode,
+        image=_image_name(fields, path),
+        mode=mode.lower(),
         resolution_m=resolution_m,
         T_m_g=_origin(fields, path),
-        negate=bool(negate),
+        negate=_NEGATE[str(negate).lower()],
         occupied_thresh=occupied_thresh,
         free_thresh=free_thresh,
     )

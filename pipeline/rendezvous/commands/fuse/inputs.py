@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,7 +15,7 @@ from rendezvous.geometry.camera import Image, PinholeCamera, camera_pose
 from rendezvous.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from rendezvous.geometry.se2 import Array
 from rendezvous.interop.camera_info import CameraInfo, read_camera_info
-from rendezvous.interop.decoding import PNG_START, decoded, is_whole_png
+from rendezvous.interop.decoding import decoded, is_whole
 from rendezvous.interop.given_file import given_bytes
 from rendezvous.interop.ros_map import read_ros_map
 from rendezvous.robot_file import load_robot
@@ -24,10 +26,6 @@ CameraLike = str | Path | CameraInfo | PinholeCamera
 
 FOCAL_SHARES = 0.1, 20.0
 """Focal lengths of lenses, of the image's side: a view of 157° to 3°."""
-
-_JPEG_START, _JPEG_END = b"\xff\xd8", b"\xff\xd9"
-_TAIL_BYTES = 1024
-"""So little may follow the end of a JPEG."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -129,23 +127,23 @@ def _decoded(path: Path) -> Image:
         data = given_bytes(path)
     except OSError as error:
         raise CameraError(f"{path}: {(error.strerror or str(error)).lower()}; must be an image") from error
-    if not _whole(data):
+    if not is_whole(data):
         raise CameraError(
             f"{path}: the image is damaged, or cut short after {len(data)} bytes; copy it again"
         )
-    image = decoded(data, cv2.IMREAD_COLOR_RGB)
+    image = decoded(data, cv2.IMREAD_COLOR_RGB | cv2.IMREAD_IGNORE_ORIENTATION)
     if image is None:
         raise CameraError(
             f"{path}: {len(data)} bytes that are no image; must be PNG, JPEG or another that OpenCV reads"
         )
+    turned = decoded(data, cv2.IMREAD_COLOR_RGB) if re.search(rb"(?i)exif", data) else image
+    if not np.array_equal(turned, image):  # type: ignore[arg-type]
+        warnings.warn(
+            f"{path}: has an EXIF orientation, by which viewers turn it; it is read as it is stored, as the "
+            "camera is calibrated for that",
+            stacklevel=4,
+        )
     return np.asarray(image, np.uint8)
-
-
-def _whole(data: bytes) -> bool:
-    """Whether a JPEG or PNG goes on to its end; OpenCV fills up what is missing of a JPEG."""
-    if data.startswith(_JPEG_START):
-        return _JPEG_END in data[-_TAIL_BYTES:]
-    return is_whole_png(data) if data.startswith(PNG_START) else True
 
 
 def mounting(camera_pose_xyzrpy: tuple[float, ...] | None, robot: str) -> Array:
