@@ -1,18 +1,26 @@
-"""The command that fuses two maps; wrong options are told before anything heavy is imported."""
+"""The command that fuses two maps; it checks its options before it imports anything heavy."""
 
 from __future__ import annotations
 
 import math
 import sys
+import warnings
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, cast
 
 import typer
 
+from rendezvous.commands.fuse.arguments import (
+    MERGINGS,
+    REFINEMENTS,
+    Merge,
+    Refine,
+    numbers,
+    require_one_of,
+    require_one_sighting,
+    require_sigma,
+)
 from rendezvous.errors import ConfigError
-
-_REFINEMENTS = ("none", "learned", "correlative", "auto")
-_MERGINGS = ("occupied", "probabilistic")
 
 
 def fuse(
@@ -74,81 +82,46 @@ def fuse(
     at_0, at_1 = numbers("--pose0", pose0, "x,y,yaw"), numbers("--pose1", pose1, "x,y,yaw")
     seen = None if relative is None else numbers("--relative", relative, "x,y,yaw")
     mounted = None if camera_pose is None else numbers("--camera-pose", camera_pose, "x,y,z,roll,pitch,yaw")
-    sigma = _sigma(relative_sigma)
-    _require_one_sighting(image, camera, camera_pose, relative, relative_sigma)
-    for option, given, choices in (("--refine", refine, _REFINEMENTS), ("--merge", merge, _MERGINGS)):
-        if given not in choices:
-            raise ConfigError(f"{option} is {given!r}; must be one of {', '.join(choices)}")
+    sigma = None if relative_sigma is None else _sigma(relative_sigma)
+    require_one_sighting(
+        image=bool(image),
+        camera=camera is not None,
+        camera_pose=camera_pose is not None,
+        relative=relative is not None,
+        relative_sigma=sigma is not None,
+        spelt=lambda name: f"--{name.replace('_', '-')}",
+    )
+    require_one_of("--refine", refine, REFINEMENTS)
+    require_one_of("--merge", merge, MERGINGS)
     if out.exists() and not out.is_dir():
         raise ConfigError(f"--out is {str(out)!r}, a file; must be a folder")
 
-    from rendezvous.commands.fuse.fuse import FuseRequest, fused
-    from rendezvous.commands.fuse.outputs import require_apart, summary, write_fused
-    from rendezvous.fusion.merge import Merging
-    from rendezvous.fusion.refinement import Refinement
-    from rendezvous.geometry.se2 import SE2
+    from rendezvous.commands.fuse.from_python import fuse as fuse_maps
+    from rendezvous.commands.fuse.outputs import summary
 
-    request = FuseRequest(
-        maps=(map0, map1),
-        T_m0_r0=SE2.from_array(at_0),
-        T_m1_r1=SE2.from_array(at_1),
-        images=tuple(image),
-        camera=camera,
-        camera_pose=mounted,
-        robot=robot,
-        T_r0_r1=None if seen is None else SE2.from_array(seen),
-        relative_sigma=sigma,
-        refine=Refinement(refine),
-        merge=Merging(merge),
-        strict=strict,
-    )
-    require_apart(request, out)
-    found = fused(request)
-    for warning in found.warnings:
-        print(f"rendezvous: {warning}", file=sys.stderr)
-    write_fused(found, out)
-    print(summary(found, out))
-
-
-def numbers(option: str, given: str, shape: str) -> tuple[float, ...]:
-    """What an option gives as numbers with commas between them.
-
-    Raises:
-        ConfigError: they are not as many finite numbers as the shape names.
-    """
-    names = shape.split(",")
-    try:
-        values = tuple(float(word) for word in given.split(","))
-    except ValueError:
-        values = ()
-    if len(values) != len(names) or not all(map(math.isfinite, values)):
-        raise ConfigError(f"{option} is {given!r}; must be {shape}: {len(names)} finite numbers")
-    return values
-
-
-def _sigma(given: str | None) -> tuple[float, float, float] | None:
-    if given is None:
-        return None
-    x_m, y_m, yaw_deg = numbers("--relative-sigma", given, "x_m,y_m,yaw_deg")
-    if min(x_m, y_m, yaw_deg) <= 0.0:
-        raise ConfigError(f"--relative-sigma is {given!r}; standard deviations must be above 0")
-    return x_m, y_m, math.radians(yaw_deg)
-
-
-def _require_one_sighting(
-    image: list[Path], camera: Path | None, camera_pose: str | None, relative: str | None, sigma: str | None
-) -> None:
-    """Options that belong together, and those that do not."""
-    if image and relative is not None:
-        raise ConfigError("--image and --relative: give one of them; both say where robot 1 stood")
-    if not image and relative is None:
-        raise ConfigError("fuse: give --image with --camera, or --relative: where did robot 0 see robot 1?")
-    if image and camera is None:
-        raise ConfigError(
-            "--image: --camera is missing; give the camera_info YAML of the camera that took it"
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", UserWarning)
+        warnings.showwarning = lambda message, *_, **__: print(f"rendezvous: {message}", file=sys.stderr)
+        result = fuse_maps(
+            map0,
+            map1,
+            pose0=at_0,
+            pose1=at_1,
+            image=image or None,
+            camera=camera,
+            camera_pose=mounted,
+            robot=robot,
+            relative=seen,
+            relative_sigma=sigma,
+            refine=cast("Refine", refine),
+            merge=cast("Merge", merge),
+            strict=strict,
+            out=out,
         )
-    if image and sigma is not None:
-        raise ConfigError("--relative-sigma: is of --relative; an image tells its own error")
-    for option, value in (("--camera", camera), ("--camera-pose", camera_pose)):
-        if relative is not None and value is not None:
-            raise ConfigError(f"{option}: is of --image; --relative needs no camera")
+    print(summary(result, out))
+
+
+def _sigma(given: str) -> tuple[float, float, float]:
+    x_m, y_m, yaw_deg = numbers("--relative-sigma", given, "x_m,y_m,yaw_deg")
+    require_sigma("--relative-sigma", (x_m, y_m, yaw_deg))
+    return x_m, y_m, math.radians(yaw_deg)

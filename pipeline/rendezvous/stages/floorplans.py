@@ -10,7 +10,6 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import islice
-from typing import Any
 
 from rendezvous.config.sections import FloorplansSection
 from rendezvous.engine.run import Run, Task, part_name
@@ -19,7 +18,13 @@ from rendezvous.floorplan.generate import GeneratorParameters, generate_floorpla
 from rendezvous.floorplan.houseexpo import parse_floorplan
 from rendezvous.floorplan.records import Floorplan
 from rendezvous.floorplan.validate import FloorplanLimits, start_regions, validated
-from rendezvous.interop.houseexpo_files import PlanFile, check_source, count_plan_files, plan_files
+from rendezvous.interop.houseexpo_files import (
+    PlanFile,
+    check_source,
+    count_plan_files,
+    parsed_json,
+    plan_files,
+)
 from rendezvous.plan_schema import FLOORPLANS, PLAN_COLUMNS, plan_row
 from rendezvous.robot_file import load_robot
 from rendezvous.seeds import stream
@@ -160,20 +165,13 @@ def _parsed(source: str, compressed: bytes, fault: str) -> Floorplan:
     """The plan of a file, whose content is held compressed: all candidates are kept to find duplicates."""
     if fault:
         raise FloorplanError(f"{source}: {fault}")
-    return parse_floorplan(_json(zlib.decompress(compressed), source), source=source)
-
-
-def _json(content: bytes, source: str) -> Any:
-    try:
-        return json.loads(content)
-    except (ValueError, RecursionError) as error:
-        raise FloorplanError(f"{source}: not JSON ({error}); must be one floor plan") from error
+    return parse_floorplan(parsed_json(zlib.decompress(compressed), source), source=source)
 
 
 def _keys(file: PlanFile) -> tuple[str, ...]:
     """The plan's id and geometry as the file gives them; none of a file that is faulty in other ways."""
     try:
-        data = _json(file.content, file.source)
+        data = parsed_json(file.content, file.source)
     except FloorplanError:
         return ()
     if not isinstance(data, dict) or "id" not in data or "verts" not in data:

@@ -41,6 +41,8 @@ class Disk:
 
     @cached_property
     def _resolved(self) -> tuple[pyarrow.fs.FileSystem, str]:
+        if "\0" in self.root or self.root.encode(errors="ignore").decode() != self.root:
+            raise StoreError(f"{self.root!r}: is not UTF-8; must name a folder in it, without zero bytes")
         if not self.is_uri:
             return pyarrow.fs.LocalFileSystem(), os.path.abspath(self.root)
         try:
@@ -65,13 +67,11 @@ class Disk:
         """All files in the folder and below it, sorted; none if there is no folder."""
         selector = pyarrow.fs.FileSelector(self.path(), recursive=True, allow_not_found=True)
         with self._explained(""):
-            found = self.filesystem.get_file_info(selector)
-        root = self.path()
-        return sorted(
-            str(PurePosixPath(info.path).relative_to(root))
-            for info in found
-            if info.type == pyarrow.fs.FileType.File
-        )
+            return sorted(
+                str(PurePosixPath(info.path).relative_to(self.path()))
+                for info in self.filesystem.get_file_info(selector)
+                if info.type == pyarrow.fs.FileType.File
+            )
 
     def size(self, name: str) -> int | None:
         """Size of a file [bytes], or None if it is missing."""
@@ -123,6 +123,8 @@ class Disk:
             yield
         except OSError as error:
             raise StoreError(f"{self.shown(name)}: {_explanation(error)}") from error
+        except UnicodeError as error:
+            raise StoreError(f"{self.shown(name)!r}: a name in it is not UTF-8; rename it") from error
 
 
 def _write_and_rename(path: str, data: bytes | pa.Buffer) -> None:

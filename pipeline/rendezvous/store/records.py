@@ -244,5 +244,6 @@ def digest_of(value: Any) -> str:
 
 
 def json_bytes(value: Any) -> bytes:
-    """JSON as it is written to disk."""
-    return (json.dumps(value, indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode()
+    """JSON as it is written to disk; half a character, as of a name that is not UTF-8, is escaped."""
+    text = json.dumps(value, indent=1, ensure_ascii=False, allow_nan=False)
+    return f"{text}\n".encode(errors="backslashreplace")

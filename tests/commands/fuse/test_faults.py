@@ -143,10 +143,10 @@ def test_python_is_told_of_degrees_too_and_a_turn_is_no_degrees(given: Path, rec
         (
             {**SEEN, "relative_sigma": (0.1, 0.1, 0.1)},
             ConfigError,
-            "a sigma is of a relative pose that is given",
+            "relative_sigma: belongs to relative; an image gives its own",
         ),
-        ({"camera": CAMERA}, ConfigError, "a camera and its pose are of images"),
-        ({"camera_pose": [0.0] * 6}, ConfigError, "a camera and its pose are of images"),
+        ({"camera": CAMERA}, ConfigError, "camera: belongs to image; relative needs no camera"),
+        ({"camera_pose": [0.0] * 6}, ConfigError, "camera_pose: belongs to image"),
         ({"robot": Path("walker.yaml")}, ConfigError, "robot 'walker.yaml': no file walker.yaml"),
     ],
 )

@@ -12,7 +12,7 @@ import pytest
 import torch
 from rendezvous.alignment.frame_error import frame_error
 from rendezvous.cli.__main__ import app
-from rendezvous.cli.fuse import _MERGINGS, _REFINEMENTS
+from rendezvous.commands.fuse.arguments import MERGINGS, REFINEMENTS
 from rendezvous.commands.fuse.from_python import fuse
 from rendezvous.errors import CameraError, ConfigError, MapError, PipelineError, SightingError
 from rendezvous.fusion.merge import Merging, probabilistically_merged
@@ -339,14 +339,14 @@ GOOD = "--relative=1,0,3"
         ([], "give --image with --camera, or --relative"),
         ([GOOD, "--image=x.png", "--camera=c.yaml"], "--image and --relative: give one of them"),
         (["--image=x.png"], "--camera is missing"),
-        ([GOOD, "--camera=c.yaml"], "--camera: is of --image"),
-        ([GOOD, "--camera-pose=0,0,0,0,0,0"], "--camera-pose: is of --image"),
+        ([GOOD, "--camera=c.yaml"], "--camera: belongs to --image"),
+        ([GOOD, "--camera-pose=0,0,0,0,0,0"], "--camera-pose: belongs to --image"),
         (
             ["--image=x.png", "--camera=c.yaml", "--relative-sigma=1,1,1"],
-            "--relative-sigma: is of --relative",
+            "--relative-sigma: belongs to --relative",
         ),
         ([GOOD, "--relative-sigma=1,1"], "must be x_m,y_m,yaw_deg: 3 finite numbers"),
-        ([GOOD, "--relative-sigma=0,1,1"], "standard deviations must be above 0"),
+        ([GOOD, "--relative-sigma=0,1,1"], "must be standard deviations above 0"),
         (["--relative=1,2"], "--relative is '1,2'; must be x,y,yaw: 3 finite numbers"),
         (["--relative=1,nan,0"], "--relative is '1,nan,0'; must be x,y,yaw"),
         ([GOOD, "--pose0=1,2,inf"], "--pose0 is '1,2,inf'"),
@@ -371,8 +371,8 @@ def test_a_wrong_command_is_one_line_and_exit_2(given: Path, more: list[str], sa
 
 def test_the_command_knows_every_choice():
     """It names them itself, so that a wrong one is told before anything heavy is imported."""
-    assert tuple(Refinement) == _REFINEMENTS
-    assert tuple(Merging) == _MERGINGS
+    assert tuple(Refinement) == REFINEMENTS
+    assert tuple(Merging) == MERGINGS
 
 
 def test_a_heavy_package_that_it_needs_only_a_little_of_is_left_out():

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from rendezvous.alignment.window import PAPER_XY_M, PAPER_YAW_RAD
+from rendezvous.commands.fuse.arguments import require_one_sighting, require_sigma
 from rendezvous.commands.fuse.inputs import (
     CameraLike,
     ImageLike,
@@ -23,7 +24,7 @@ from rendezvous.commands.fuse.inputs import (
     read_map,
     read_photograph,
 )
-from rendezvous.errors import ConfigError, SetupError
+from rendezvous.errors import SetupError
 from rendezvous.fusion.fusion_input import FusionInput
 from rendezvous.fusion.merge import Merging
 from rendezvous.fusion.refinement import Refinement, Refiner, correlative_refiner, matcher_refiner
@@ -38,27 +39,12 @@ from rendezvous.simulation.robot import RobotSpec
 from rendezvous.stages.weights.estimators import Method, chosen_methods, trained
 from rendezvous.stages.weights.pose_source import PoseWeights, require_known_robot
 
-MOST_SIGMA = 1000.0
-"""Whoever knows a pose no better than this [m, m, rad] does not know it."""
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FuseRequest:
-    """What is to be fused, by what.
+    """The arguments of `from_python.fuse`, whose docstring says what each means; poses as `SE2`.
 
-    Attributes:
-        maps: YAML files of ROS maps, or grids, of robot 0 and robot 1.
-        T_m0_r0, T_m1_r1: where each robot stood in its own map when robot 0 saw robot 1.
-        images: of that sighting, taken by robot 0; none where the relative pose is given.
-        camera: that took them: a camera_info file, with or without distortion, or a camera.
-        camera_pose: x, y, z [m], roll, pitch, yaw [rad] of its body on robot 0; None: as on `robot`.
-        robot: what kind both robots are.
-        T_r0_r1: the relative pose, where it is known by other means.
-        relative_sigma: standard deviations of x [m], y [m], yaw [rad] of that; None: not known.
-        refine: how the maps refine it.
-        merge: how the aligned maps become one.
-        strict: keep to a map's thresholds also where they make its unknown cells free.
-        pose_estimator: reads the images; None: the trained one.
+    `images` are those of one sighting; there are none where the relative pose `T_r0_r1` is given.
     """
 
     maps: tuple[MapLike, MapLike]
@@ -76,40 +62,31 @@ class FuseRequest:
     pose_estimator: ImagePoseEstimator | None = None
 
     def __post_init__(self) -> None:
-        if bool(self.images) == (self.T_r0_r1 is not None):
-            raise ConfigError("fuse: give either images of the sighting or the relative pose, and not both")
-        if self.images and self.camera is None:
-            raise ConfigError("fuse: an image needs the camera that took it")
-        if self.images and self.relative_sigma is not None:
-            raise ConfigError(
-                "fuse: a sigma is of a relative pose that is given; an image tells its own error"
-            )
-        if not self.images and (self.camera is not None or self.camera_pose is not None):
-            raise ConfigError("fuse: a camera and its pose are of images; a relative pose needs none")
-        if self.relative_sigma is not None and not all(
-            0.0 < sigma <= MOST_SIGMA for sigma in self.relative_sigma
-        ):
-            raise ConfigError(
-                f"fuse: relative sigma is {self.relative_sigma}; must be standard deviations above 0, "
-                f"at most {MOST_SIGMA:g}"
-            )
+        require_one_sighting(
+            image=bool(self.images),
+            camera=self.camera is not None,
+            camera_pose=self.camera_pose is not None,
+            relative=self.T_r0_r1 is not None,
+            relative_sigma=self.relative_sigma is not None,
+        )
+        require_sigma("relative_sigma", self.relative_sigma or ())
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Fused:
-    """What came out.
+    """A fusion with all that went into it.
 
     Attributes:
-        request: what was asked.
+        request: the arguments.
         meeting: maps and poses.
         result: the fusion.
         photographs: the images, undistorted.
-        poses: what was read from each.
-        camera: of the images; None where there are none.
-        cuboid_size_m: of the robot that is looked for.
-        weights: file and SHA-256 of each network that was used, by name.
-        seconds: that each part took.
-        warnings: what was found while reading.
+        poses: the relative pose estimated from each.
+        camera: the images' camera; None without images.
+        cuboid_size_m: sides of the robot's cuboid.
+        weights: file and SHA-256 of each network used, by name.
+        seconds: time that each part took.
+        warnings: raised while reading the inputs.
     """
 
     request: FuseRequest

@@ -39,9 +39,10 @@ from rendezvous.evaluation.pictures.canvas import encoded_png
 from rendezvous.evaluation.pictures.fusion import fusion_picture, sighting_picture
 from rendezvous.fusion.agreement import MapAgreement
 from rendezvous.fusion.sighted_pose import SightedMode
+from rendezvous.fusion.system import FusionResult
 from rendezvous.fusion.verdict import spread_of
 from rendezvous.geometry.occupancy_grid import OccupancyGrid
-from rendezvous.geometry.se2 import SE2, Array
+from rendezvous.geometry.se2 import SE2
 from rendezvous.interop.ros_map import map_image_path, ros_map_bytes
 from rendezvous.pose_estimation.pose_estimate import PoseMode, RelativePose
 from rendezvous.store.disk import Disk
@@ -69,7 +70,7 @@ def write_fused(fused: Fused, out: Path) -> list[Path]:
     files = _map_files(fused.result.grid)
     files[_PICTURE] = encoded_png(fusion_picture(fused.meeting, fused.result))
     files |= _sighting_files(fused)
-    files[_RECORD] = json_bytes(record_of(fused, sorted(files)))
+    files[_RECORD] = json_bytes(_plain(record_of(fused, sorted(files))))
     disk = Disk(str(out))
     try:
         for name, data in files.items():
@@ -92,15 +93,20 @@ def require_apart(request: FuseRequest, out: Path) -> None:
         ConfigError: names that file.
         MapError: the YAML file of a map cannot be read.
     """
+    folder = Path(Disk(str(out)).path()).resolve()
     map_images = [map_image_path(Path(given)) for given in request.maps if isinstance(given, str | Path)]
     for given in (*request.maps, *map_images, *request.images, request.camera):
-        if isinstance(given, str | Path) and _is_output(Path(given).resolve(), out.resolve()):
+        if isinstance(given, str | Path) and _is_output(Path(given), folder):
             raise ConfigError(f"{given}: would be overwritten; must not be named so in --out {str(out)!r}")
 
 
-def _is_output(path: Path, out: Path) -> bool:
+def _is_output(path: Path, folder: Path) -> bool:
+    try:
+        path = path.resolve()
+    except ValueError:  # a zero byte or half a character: no file can have that name
+        return False
     ours = path.name in (_MAP, _MAP_IMAGE, _PICTURE, _RECORD) or _PHOTOGRAPH.fullmatch(path.name)
-    return path.parent == out and bool(ours)
+    return path.parent == folder and bool(ours)
 
 
 def _staged(name: str) -> str:
@@ -133,14 +139,14 @@ def record_of(fused: Fused, files: list[str]) -> dict[str, Any]:
     result = fused.result
     return {
         "verdict": "accepted" if result.verdict.accepted else "uncertain",
-        "reasons": list(result.verdict.reasons),
+        "reasons": result.verdict.reasons,
         "T_m0_m1": _pose(result.T_m0_m1),
         "T_m1_m0": _pose(result.T_m0_m1.inverse()),
         "T_m0_m1_initial": _pose(result.T_m0_m1_initial),
         "T_m1_m0_initial": _pose(result.T_m0_m1_initial.inverse()),
         "T_m0_r1": _pose(result.T_m0_m1 @ fused.meeting.T_m1_r1),
         "frame_error": _frame_error(fused),
-        "sighting": [{**_mode(mode), "images": list(mode.images)} for mode in result.sighting.modes],
+        "sighting": [{**_mode(mode), "images": mode.images} for mode in result.sighting.modes],
         "images": [
             _image(shot.name, pose) for shot, pose in zip(fused.photographs, fused.poses, strict=True)
         ],
@@ -150,15 +156,14 @@ def record_of(fused: Fused, files: list[str]) -> dict[str, Any]:
         "seconds": {name: round(value, 4) for name, value in fused.seconds.items()},
         "inputs": _inputs(fused),
         "weights": {name: {"file": file, "sha256": sha} for name, (file, sha) in fused.weights.items()},
-        "warnings": list(fused.warnings),
+        "warnings": fused.warnings,
         "files": files,
         "versions": {name: metadata.version(name) for name in _PACKAGES if _installed(name)},
     }
 
 
-def summary(fused: Fused, out: Path) -> str:
-    """What a user wants to know at once."""
-    result = fused.result
+def summary(result: FusionResult, out: Path) -> str:
+    """Verdict, pose, agreement and times of a fusion that was written to a folder, a line each."""
     T = result.T_m0_m1
     lines = [
         str(result.verdict),
@@ -173,8 +178,8 @@ def summary(fused: Fused, out: Path) -> str:
             f"overlap {result.overlap:.0%}; shared walls that coincide: {walls[0]:.0%} by the sighting "
             f"alone, {walls[1]:.0%} now"
         )
-    spent = ", ".join(f"{name} {value:.2f}" for name, value in fused.seconds.items())
-    lines.append(f"seconds: {spent}")
+    seconds = json.loads((out / _RECORD).read_bytes())["seconds"]
+    lines.append("seconds: " + ", ".join(f"{name} {value:.2f}" for name, value in seconds.items()))
     lines.append(f"{out / _MAP}, {out / _PICTURE}, {out / _RECORD}")
     return "\n".join(lines)
 
@@ -204,7 +209,7 @@ def _frame_error(fused: Fused) -> dict[str, Any]:
     return {
         "window_centre_m0": [result.T_m0_v.x_m, result.T_m0_v.y_m],
         "theta_w": None if theta is None else _pose(theta),
-        "covariance": _rows(result.covariance),
+        "covariance": result.covariance,
         "covariance_is_of": "x [m], y [m], yaw [rad] of the frame error that is left, at the centre",
         "degrees_of_freedom": _tails(result.degrees_of_freedom),
         "ambiguous": bool(estimate and estimate.ambiguous),
@@ -220,10 +225,10 @@ def _inputs(fused: Fused) -> dict[str, Any]:
         "T_m1_r1": _pose(request.T_m1_r1),
         "images": [_name(given) for given in request.images],
         "camera": None if request.camera is None else _name(request.camera),
-        "camera_pose": None if request.camera_pose is None else list(request.camera_pose),
+        "camera_pose": request.camera_pose,
         "robot": request.robot,
         "T_r0_r1": None if request.T_r0_r1 is None else _pose(request.T_r0_r1),
-        "relative_sigma": None if request.relative_sigma is None else list(request.relative_sigma),
+        "relative_sigma": request.relative_sigma,
         "refine": str(request.refine),
         "merge": str(request.merge),
         "strict": request.strict,
@@ -234,7 +239,7 @@ def _image(name: str, pose: RelativePose) -> dict[str, Any]:
     return {
         "name": name,
         "found": pose.found,
-        "score": float(pose.score),
+        "score": pose.score,
         "reason": pose.reason,
         "modes": [_mode(mode) for mode in pose.modes],
     }
@@ -243,9 +248,9 @@ def _image(name: str, pose: RelativePose) -> dict[str, Any]:
 def _mode(mode: PoseMode | SightedMode) -> dict[str, Any]:
     return {
         "T_r0_r1": _pose(mode.T_r0_r1),
-        "covariance": _rows(mode.covariance),
+        "covariance": mode.covariance,
         "degrees_of_freedom": _tails(mode.degrees_of_freedom),
-        "mass": float(mode.mass),
+        "mass": mode.mass,
     }
 
 
@@ -262,17 +267,22 @@ def _agreement(agreement: MapAgreement) -> dict[str, Any]:
     }
 
 
+def _plain(value: Any) -> Any:
+    """With Python's numbers and lists for those of numpy, which are in what a caller gives."""
+    if isinstance(value, dict):
+        return {key: _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    return value.tolist() if isinstance(value, np.generic | np.ndarray) else value
+
+
 def _name(given: object) -> str:
     return str(given) if isinstance(given, str | Path) else f"<{type(given).__name__}>"
 
 
 def _pose(T: SE2) -> dict[str, float]:
-    x_m, y_m, yaw_rad = (float(value) for value in T.wrapped().as_array())
+    x_m, y_m, yaw_rad = T.wrapped().as_array().tolist()
     return {"x_m": x_m, "y_m": y_m, "yaw_rad": yaw_rad}
-
-
-def _rows(covariance: Array | None) -> list[list[float]] | None:
-    return None if covariance is None else np.asarray(covariance, np.float64).tolist()
 
 
 def _installed(package: str) -> bool:
