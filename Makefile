@@ -1,4 +1,4 @@
-# Everything runs in .venv, which `make setup` makes; targets that need it set it up by themselves.
+# Everything runs in .venv, which `make setup` makes, as does each target that needs it.
 PYTHON ?= python3
 PRESET ?= default
 WORKERS ?=
@@ -24,10 +24,10 @@ setup: $(READY)  ## install everything into .venv
 dataset: $(READY)  ## floor plans -> DATA/dataset, the Parquet dataset of rendezvous
 	$(RENDEZVOUS) dataset $(OPTIONS)
 
-train: $(READY)  ## train the default estimator on DATA/dataset, about 20 minutes; goes on after a kill
+train: $(READY)  ## train the default estimator on DATA/dataset, about 20 minutes; resumes after a kill
 	$(RENDEZVOUS) train --resume $(OPTIONS) $(if $(OUT),--out $(OUT))
 
-train-pose: $(READY)  ## train the relative-pose network on DATA/dataset, about an hour; goes on after a kill
+train-pose: $(READY)  ## train the relative-pose network on DATA/dataset, about an hour; resumes after a kill
 	$(RENDEZVOUS) train-pose --resume $(OPTIONS) $(if $(OUT),--out $(OUT))
 
 inspect: $(READY)  ## draw contact sheets of DATA/dataset to report/
@@ -37,6 +37,7 @@ evaluate: $(READY)  ## measure relative pose, frame error and fusion on DATA/dat
 	$(RENDEZVOUS) evaluate-all --data $(DATA) $(if $(WORKERS),--workers $(WORKERS))
 
 test: $(READY)  ## all tests, a file on each core at a time
+	@PYTHON=$(PYTHON) .ci/system-packages test
 	$(VENV)/bin/python -m pytest -n logical --maxprocesses 8 --dist loadfile
 
 test-fast: $(READY)  ## tests that take seconds
@@ -51,14 +52,14 @@ check: $(READY)  ## format, lint, types, import contracts
 bench: $(READY)  ## speed of episodes, rendering, training, estimators and fuse, part by part, as JSON
 	@$(VENV)/bin/python -m benchmarks
 
-golden: $(READY)  ## take on a wanted change: write tests/golden.json anew
+golden: $(READY)  ## accept a wanted change: rewrite tests/golden.json
 	$(VENV)/bin/python -m tests.golden
 
 docs: $(READY)  ## write the generated tables of README.md anew
 	$(VENV)/bin/python -m rendezvous.documentation
 
 clean:  ## remove .venv and caches; data stays
-	rm -rf $(VENV) build *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache
+	rm -rf $(VENV) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache
 
 $(READY): pyproject.toml constraints.txt
 	@started=$$(date +%s); \

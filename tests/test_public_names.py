@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 import rendezvous
+from rendezvous.config.stage_table import DATASET_STAGES
 
 HEAVY = ("numpy", "torch", "mujoco", "numba", "pyarrow", "cv2", "pydantic", "typer")
 
@@ -55,3 +56,13 @@ def test_files_of_a_user_named_like_our_folders_change_nothing(tmp_path: Path):
 def paths() -> dict[str, str]:
     """Where this package lies, for a process whose working folder is another."""
     return {"PYTHONPATH": str(Path(rendezvous.__file__).parents[1])}
+
+
+@pytest.mark.slow
+def test_without_the_extras_data_is_made_and_read(tmp_path: Path):
+    extras = ("torch", "safetensors", "tensorboard", "matplotlib", "seaborn", "pandas", "jinja2", "ray")
+    modules = [f"rendezvous.stages.{name}" for name in DATASET_STAGES]
+    modules += ["rendezvous.commands.inspect", "rendezvous.training.frame_error.pairs"]
+    modules += [f"rendezvous.commands.export.{name}" for name in ("plan", "bop", "dope")]
+    without = f"import sys; sys.modules.update(dict.fromkeys({extras}))"
+    run("-c", f"{without}; import {', '.join(modules)}", cwd=tmp_path, **paths())

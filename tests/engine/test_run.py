@@ -47,7 +47,7 @@ def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
     return toy_content(data)
 
 
-@pytest.mark.parametrize("workers", [1, 2, 3])
+@pytest.mark.parametrize("workers", [1, 3])
 def test_any_number_of_worker_processes_makes_the_same_bytes(tmp_path: Path, undisturbed, workers: int):
     build(tmp_path, toy_tasks(item_names(12)), workers=workers, engine=Engine.LOCAL)
     assert toy_content(tmp_path) == undisturbed
@@ -63,7 +63,7 @@ def test_the_order_of_making_does_not_count(tmp_path: Path, undisturbed):
 
 
 def test_object_storage_holds_the_same_files(tmp_path: Path, undisturbed):
-    build(tmp_path.as_uri(), toy_tasks(item_names(12)), workers=2, engine=Engine.LOCAL)
+    build(tmp_path.as_uri(), toy_tasks(item_names(12)))
     assert toy_content(tmp_path) == {k: v for k, v in undisturbed.items() if k != ".lock"}
     assert "0 made, 6 kept" in build(tmp_path.as_uri(), toy_tasks(item_names(12)))
 
@@ -197,7 +197,7 @@ def test_a_killed_worker_is_told_in_one_line(tmp_path: Path):
     task = toy_tasks(["a"])[0]
     killed = Task(name=task.name, inputs=task.inputs, make=die)
     with pytest.raises(
-        PipelineError, match="worker process was killed, perhaps for want of memory; finished"
+        PipelineError, match="worker process was killed, perhaps because memory ran out; finished"
     ):
         build(tmp_path, [killed], workers=1, engine=Engine.LOCAL)
 

@@ -1,7 +1,7 @@
 """Run calls on many cores: local processes, this process, or a Ray cluster.
 
-Results come back in the order in which they finish. Calls are pulled from their iterator only as workers
-become free, so that a run over every plan of a large collection never holds them all.
+Results come in the order in which they finish. Calls are pulled from their iterator only as workers become
+free, so that a run over a large collection never holds all of them.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ from rendezvous.errors import PipelineError, needs_extra
 Result = TypeVar("Result")
 Call = Callable[[], Result]
 
-# One worker, one core: libraries that start threads of their own would fight over the cores, and sums
-# taken in another order could differ in their last bit.
+# One worker, one core: threads that libraries start would compete for the cores, and sums taken in another
+# order could differ in their last bit.
 ONE_THREAD = {
     "OMP_NUM_THREADS": "1",
     "OPENBLAS_NUM_THREADS": "1",
@@ -39,8 +39,8 @@ ONE_THREAD = {
 }
 
 WORKER_KILLED = (
-    "a worker process was killed, perhaps for want of memory; finished shards are kept: run the same command "
-    "again to resume, with fewer --workers if memory is short"
+    "a worker process was killed, perhaps because memory ran out; finished shards are kept: run the same "
+    "command again to resume, with fewer --workers if memory is short"
 )
 
 
@@ -62,7 +62,7 @@ def run_calls(calls: Iterable[Call[Result]], *, engine: Engine, workers: int) ->
 
     Raises:
         PipelineError: a worker was killed.
-        SetupError: Ray is asked for and not installed.
+        SetupError: `engine` is Ray, and it is not installed.
     """
     os.environ.update(ONE_THREAD)
     match engine:
@@ -101,7 +101,7 @@ def _run_in_processes(calls: Iterable[Call[Result]], workers: int) -> Generator[
 
 @contextlib.contextmanager
 def _deaf_to_interrupts() -> Iterator[None]:
-    """Hold SIGINT back while a worker starts: it inherits that, and Ctrl-C is then the parent's to handle."""
+    """Block SIGINT while a worker starts; the worker inherits that and leaves Ctrl-C to its parent."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return

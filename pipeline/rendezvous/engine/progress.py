@@ -1,11 +1,10 @@
-"""Progress of a stage: a bar on a terminal, plain lines elsewhere."""
+"""Progress of a stage: a bar on a terminal, a line every ten seconds elsewhere."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Protocol
 
 from rich.console import Console
 from rich.progress import (
@@ -19,16 +18,6 @@ from rich.progress import (
 LINE_EVERY_S = 10.0
 
 
-class Meter(Protocol):
-    """What a stage reports to while it runs."""
-
-    def say(self, line: str) -> None:
-        """Print a line."""
-
-    def advance(self, rows: int, *, made: bool) -> None:
-        """One more shard is there, of so many rows, made now or found finished."""
-
-
 @contextmanager
 def meter(
     stage: str, *, total: int | None, console: Console, parts: str = "shards", rows: str = "rows"
@@ -37,85 +26,88 @@ def meter(
 
     Args:
         stage: its name.
-        total: how many shards there will be, None if that is not known beforehand.
+        total: number of shards, None if that is not known beforehand.
         console: where to print.
         parts, rows: what to call shards and rows.
     """
-    tally = _Tally(stage, total, parts, rows)
     if not console.is_terminal:
-        yield _Lines(tally, console)
+        yield Meter(stage, total, console, parts, rows)
         return
     # 80 columns hold it all.
     columns = (
         TextColumn("[bold]{task.description}"),
         BarColumn(bar_width=14),
-        TextColumn("{task.fields[told]}"),
+        TextColumn("{task.fields[counts]}"),
         TimeElapsedColumn(),
         TextColumn("left"),
         TimeRemainingColumn(compact=True),
     )
     with Progress(*columns, console=console) as progress:
-        yield _Bar(tally, progress)
+        yield _Bar(stage, total, console, parts, rows, progress)
 
 
-class _Tally:
-    """What is there, and how fast it comes."""
+class Meter:
+    """Counts shards and rows, and prints the counts from time to time."""
 
-    def __init__(self, stage: str, total: int | None, parts_name: str, rows_name: str) -> None:
-        self.stage = stage
-        self.total = total
-        self._parts_name, self._rows_name = parts_name, rows_name
-        self.shards = self.shards_made = self.rows = self.rows_made = 0
-        self._started_s = time.monotonic()
-
-    def add(self, rows: int, *, made: bool) -> None:
-        self.shards += 1
-        self.rows += rows
-        self.shards_made += made
-        self.rows_made += made * rows
-
-    def elapsed_s(self) -> float:
-        return time.monotonic() - self._started_s
-
-    def told(self) -> str:
-        """E.g. `6/48 shards, 48 rows, 3.1/s`."""
-        of_total = f"/{self.total}" if self.total is not None else ""
-        rate = self.rows_made / max(self.elapsed_s(), 1e-3)
-        return f"{self.shards}{of_total} {self._parts_name}, {self.rows} {self._rows_name}, {rate:.1f}/s"
-
-    def left(self) -> str:
-        """E.g. `, about 40 s left`, once that can be known."""
-        if self.total is None or not self.shards_made:
-            return ""
-        return f", about {(self.total - self.shards) * self.elapsed_s() / self.shards_made:.0f} s left"
-
-
-class _Bar:
-    def __init__(self, tally: _Tally, progress: Progress) -> None:
-        self._tally = tally
-        self._progress = progress
-        self._task = progress.add_task(tally.stage, total=tally.total, told=tally.told())
-
-    def say(self, line: str) -> None:
-        self._progress.console.print(line, highlight=False, markup=False, soft_wrap=True)
-
-    def advance(self, rows: int, *, made: bool) -> None:
-        self._tally.add(rows, made=made)
-        self._progress.update(self._task, advance=1, told=self._tally.told())
-
-
-class _Lines:
-    def __init__(self, tally: _Tally, console: Console) -> None:
-        self._tally = tally
+    def __init__(
+        self, stage: str, total: int | None, console: Console, parts_name: str, rows_name: str
+    ) -> None:
+        self._stage = stage
+        self._total = total
         self._console = console
-        self._last_line_s = time.monotonic()
+        self._parts_name, self._rows_name = parts_name, rows_name
+        self._shards = self._shards_made = self._rows = self._rows_made = 0
+        self._started_s = self._last_line_s = time.monotonic()
 
     def say(self, line: str) -> None:
+        """Print a line."""
         self._console.print(line, highlight=False, markup=False, soft_wrap=True)
 
     def advance(self, rows: int, *, made: bool) -> None:
-        self._tally.add(rows, made=made)
+        """Count one more shard, made now or found finished."""
+        self._shards += 1
+        self._rows += rows
+        self._shards_made += made
+        self._rows_made += made * rows
+        self._show()
+
+    def _show(self) -> None:
         now_s = time.monotonic()
         if now_s - self._last_line_s >= LINE_EVERY_S:
             self._last_line_s = now_s
-            self.say(f"{self._tally.stage}: {self._tally.told()}{self._tally.left()}")
+            self.say(f"{self._stage}: {self._counts()}{self._left()}")
+
+    def _elapsed_s(self) -> float:
+        return time.monotonic() - self._started_s
+
+    def _counts(self) -> str:
+        """E.g. `6/48 shards, 48 rows, 3.1/s`."""
+        of_total = f"/{self._total}" if self._total is not None else ""
+        rate = self._rows_made / max(self._elapsed_s(), 1e-3)
+        return f"{self._shards}{of_total} {self._parts_name}, {self._rows} {self._rows_name}, {rate:.1f}/s"
+
+    def _left(self) -> str:
+        """E.g. `, about 40 s left`; empty as long as that cannot be known."""
+        if self._total is None or not self._shards_made:
+            return ""
+        return f", about {(self._total - self._shards) * self._elapsed_s() / self._shards_made:.0f} s left"
+
+
+class _Bar(Meter):
+    """Shows the counts in a progress bar, below the lines that are printed."""
+
+    def __init__(
+        self,
+        stage: str,
+        total: int | None,
+        console: Console,
+        parts_name: str,
+        rows_name: str,
+        progress: Progress,
+    ) -> None:
+        super().__init__(stage, total, console, parts_name, rows_name)
+        self._progress = progress
+        self._task = progress.add_task(stage, total=total, counts=self._counts())
+
+    def _show(self) -> None:
+        self._progress.update(self._task, completed=self._shards, counts=self._counts())

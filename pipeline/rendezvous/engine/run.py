@@ -1,4 +1,4 @@
-"""Make a stage's shards: skip what is finished, run the rest on the workers, publish the manifest."""
+"""Make a stage's shards: skip those that are finished, run the rest on workers, publish the manifest."""
 
 from __future__ import annotations
 
@@ -36,13 +36,13 @@ class Task:
 
 
 def part_name(index: int) -> str:
-    """Name of a stage's shard by its number."""
+    """File name of a stage's shard by its number."""
     return f"part-{index:05d}.parquet"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Run:
-    """One run of the pipeline: its configuration, where its data lies, and who does the work."""
+    """One run of the pipeline: its configuration, its data folder and its workers."""
 
     config: Config
     data: str
@@ -51,7 +51,7 @@ class Run:
     console: Console = field(default_factory=lambda: Console(stderr=True))
 
     def folder(self, stage: str) -> str:
-        """Where a stage's output lies."""
+        """The folder of a stage's output."""
         return f"{self.data.rstrip('/')}/{self.config.stages[stage].writes}"
 
     def read(self, stage: str) -> StageReader:
@@ -59,7 +59,7 @@ class Run:
         return StageReader(self.folder(stage), stage)
 
     def say(self, line: str) -> None:
-        """Print a line beside the progress bars."""
+        """Print a line above the progress bar."""
         self.console.print(line, highlight=False, markup=False, soft_wrap=True)
 
     def build(
@@ -77,8 +77,8 @@ class Run:
         Args:
             stage: its name in `stages.yaml`.
             tasks: its shards, in order; pulled only as workers become free.
-            layout: how its tables lie in Parquet.
-            total: how many shards there are, None if that is not known beforehand.
+            layout: how its tables are stored as Parquet.
+            total: number of shards, None if that is not known beforehand.
             prepare: called once, before the first shard that has to be made.
             files: makes the files beside the shards, such as a card, from all records in order.
 
@@ -100,17 +100,17 @@ class Run:
 
 
 class _Work:
-    """What is to be made, what is there already, and why."""
+    """The shards of one stage: which are finished, which have to be made, and why."""
 
     def __init__(self, writer: StageWriter, report: Meter) -> None:
         self._writer = writer
         self._report = report
         self._records: dict[str, ShardRecord | None] = {}
         self._kept = 0
-        self._reasons: dict[str, int] = {}
+        self._reasons = {NOT_MADE_YET}
 
     def calls(self, tasks: Iterable[Task], prepare: Callable[[], None]) -> Iterator[Call[ShardRecord]]:
-        """Calls that make the shards which are not finished."""
+        """Calls that make the shards that are not finished."""
         prepared = False
         for task in tasks:
             record = self._writer.finished(task.name, task.inputs)
@@ -122,7 +122,7 @@ class _Work:
             if not prepared:
                 prepare()
                 prepared = True
-            self._tell(task.name, self._writer.reason_to_make(task.name, task.inputs))
+            self._say_why(task.name, self._writer.reason_to_make(task.name, task.inputs))
             self._writer.make_room(task.name, task.inputs)
             yield partial(_make_and_write, self._writer.for_worker(), task)
 
@@ -134,7 +134,7 @@ class _Work:
         return [record for record in self._records.values() if record is not None]
 
     def summary(self, manifest: Manifest, *, elapsed_s: float) -> str:
-        """One line: what there is now, what was made and how long it took."""
+        """One line: the counts of rows, the shards made and kept, and the time it took."""
         made = len(manifest.shards) - self._kept
         counts = ", ".join(f"{count} {name}" for name, count in manifest.counts().items())
         return (
@@ -142,11 +142,11 @@ class _Work:
             f"{made} made, {self._kept} kept, {elapsed_s:.1f} s"
         )
 
-    def _tell(self, name: str, reason: str) -> None:
-        """Say why a shard is made again; once for each reason, a changed parameter touches them all."""
-        if reason != NOT_MADE_YET and reason not in self._reasons:
+    def _say_why(self, name: str, reason: str) -> None:
+        """Say why a shard is made again, once per reason: a changed parameter concerns all shards."""
+        if reason not in self._reasons:
+            self._reasons.add(reason)
             self._report.say(f"{self._writer.stage}: making {name} again: {reason}")
-        self._reasons[reason] = self._reasons.get(reason, 0) + 1
 
 
 def _make_and_write(writer: StageWriter, task: Task) -> ShardRecord:
