@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from rendezvous.exploration.frontier import planning_map, reach
+from rendezvous.geometry.occupancy_grid import FREE
 from rendezvous.geometry.se2 import SE2
 from skimage.graph import MCP_Geometric
 
@@ -24,7 +25,7 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
         log_odds[row : row + 6, col : col + 6] = 2.0
     plan = planning_map(log_odds, SE2.identity(), resolution_m=0.05, occupied=0.62, free=-0.62)
     start = tuple(int(v) for v in np.argwhere(plan.clearance_m > 0.4)[0])
-    costs = np.where((plan.cells == 1) & (plan.clearance_m >= 0.15), 1.0, -1.0)
+    costs = np.where((plan.cells == FREE) & (plan.clearance_m >= 0.15), 1.0, -1.0)
     costs[plan.clearance_m < 0.30] *= 3.0
     ours, theirs = [], []
     for _ in range(REPEATS):

@@ -5,6 +5,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pytest import approx
 from rendezvous.exploration.frontier import PlanningMap, frontiers, path_m, planning_map, reach
+from rendezvous.geometry import occupancy_grid as grid_values
 from rendezvous.geometry.se2 import SE2
 
 FREE, WALL, DARK = -2.0, 2.0, 0.0
@@ -32,7 +33,7 @@ def test_coarse_cells_keep_every_wall_and_lie_where_the_fine_ones_did() -> None:
     fine = np.full((40, 40), FREE, np.float32)
     fine[20, 7] = WALL
     plan = plan_of(fine, SE2(1.0, 2.0, 0.0))
-    rows, cols = np.nonzero(plan.cells == 2)
+    rows, cols = np.nonzero(plan.cells == grid_values.OCCUPIED)
     assert len(rows) == 1
     x_m, y_m = plan.centre_m(rows[0], cols[0])
     assert (x_m, y_m) == (approx(1.0 + 7.5 * 0.05, abs=0.05), approx(2.0 + 20.5 * 0.05, abs=0.05))
@@ -47,16 +48,20 @@ def test_costs_are_those_of_dijkstra() -> None:
         fine[r : r + rng.integers(1, 8), c : c + rng.integers(1, 8)] = WALL
     plan = plan_of(fine)
     hard_m, soft_m = 0.12, 0.30
-    start = tuple(np.argwhere((plan.cells == 1) & (plan.clearance_m > 0.4))[0])
+    start = tuple(np.argwhere((plan.cells == grid_values.FREE) & (plan.clearance_m > 0.4))[0])
     ways = reach(plan, (int(start[0]), int(start[1])), hard_clearance_m=hard_m, soft_clearance_m=soft_m)
     graph = nx.DiGraph()
-    for r, c in np.argwhere(plan.cells == 1):
+    for r, c in np.argwhere(plan.cells == grid_values.FREE):
         for dr in (-1, 0, 1):
             for dc in (-1, 0, 1):
                 rr, cc = r + dr, c + dc
                 near = plan.clearance_m[rr, cc]
                 close = max(abs(rr - start[0]), abs(cc - start[1])) <= 2
-                if (dr, dc) == (0, 0) or plan.cells[rr, cc] != 1 or (near < hard_m and not close):
+                if (
+                    (dr, dc) == (0, 0)
+                    or plan.cells[rr, cc] != grid_values.FREE
+                    or (near < hard_m and not close)
+                ):
                     continue
                 step = 14 if dr and dc else 10
                 if near < soft_m:

@@ -8,7 +8,7 @@ import numpy as np
 
 from rendezvous.compiled import njit
 from rendezvous.exploration.explorer import Explorer
-from rendezvous.exploration.records import Episode, EpisodeParameters, Event, Snapshot
+from rendezvous.exploration.records import Episode, EpisodeParameters, Rendezvous, Snapshot
 from rendezvous.exploration.rendezvous import Sighting, sight
 from rendezvous.exploration.surroundings import Surroundings
 from rendezvous.geometry.se2 import SE2, Array
@@ -26,20 +26,20 @@ def run_episode(
     *,
     rng: np.random.Generator,
 ) -> Episode:
-    """Drive both robots until `max_events` meetings or `max_time_s`.
+    """Drive both robots until `max_events` rendezvous or `max_time_s`.
 
     Args:
         surroundings: walls and furniture.
         robots: their specs.
         starts: their true start poses in w.
-        parameters: settings.
-        rng: split into one stream per source of chance, so that none shifts another.
+        parameters: how long it runs, and what is recorded.
+        rng: split into one stream per source of randomness, so that none shifts another.
     """
-    return _Run(surroundings, robots, starts, parameters, rng).finish()
+    return _Exploration(surroundings, robots, starts, parameters, rng).finish()
 
 
 class _Robot:
-    """The simulated side of one robot: noise, the truth it leaves behind, and the explorer in it."""
+    """The simulated side of one robot: its noise, its true path, and the explorer that drives it."""
 
     def __init__(
         self, spec: RobotSpec, T_w_r: SE2, parameters: EpisodeParameters, rng: np.random.Generator
@@ -56,7 +56,7 @@ class _Robot:
         self.explorer.read_encoders(0.0, self._encoder.read((0.0, 0.0)))
 
     def tick(self, time_s: float, wheels_rad: tuple[float, float], pose_w: Array) -> None:
-        """Pass the encoders on; keep the truth for the lidar."""
+        """Pass the encoder readings on; keep the true pose for the lidar."""
         self.travelled_m += math.dist(pose_w[:2], self.knots_w[-1][:2])
         self.knots_w.append(pose_w)
         self.explorer.read_encoders(time_s, self._encoder.read(wheels_rad))
@@ -89,7 +89,7 @@ class _Robot:
         )
 
 
-class _Run:
+class _Exploration:
     """The loop of one episode."""
 
     def __init__(
@@ -119,7 +119,7 @@ class _Run:
         low_s, high_s = parameters.first_event_s
         self._next_event_s = math.exp(schedule_rng.uniform(math.log(low_s), math.log(high_s)))
         self._next_event_m = [0.0, 0.0]
-        self._events: list[Event] = []
+        self._events: list[Rendezvous] = []
         self._sweeps = 0
         self._ticks_per_sweep = round(1.0 / (robots[0].lidar.rate_hz * TICK_S))
         self._sweeps_per_step = max(1, round(parameters.trajectory_step_s / (self._ticks_per_sweep * TICK_S)))
@@ -146,23 +146,23 @@ class _Run:
         )
 
     def _sweep(self) -> None:
-        """Both lidars end their turn; paths are recorded; then who sees whom."""
+        """Finish a turn of both lidars, record the paths, and a rendezvous if there is one."""
         first, second = self._robots
         first.sweep(self._surroundings.lidar_scene, second)
         second.sweep(self._surroundings.lidar_scene, first)
         self._sweeps += 1
-        meeting = self._meeting()
+        sightings = self._sightings()
         for robot in self._robots:
-            if meeting or (self._sweeps - 1) % self._sweeps_per_step == 0:
+            if sightings or (self._sweeps - 1) % self._sweeps_per_step == 0:
                 robot.trajectory.append(np.array([self._physics.time_s, *robot.explorer.slam.pose()]))
                 robot.trajectory_w.append(np.array([self._physics.time_s, *robot.knots_w[-1]]))
-        if meeting:
-            self._record(meeting)
+        if sightings:
+            self._record(sightings)
         for robot in self._robots:
             robot.knots_w = robot.knots_w[-1:]
 
-    def _meeting(self) -> tuple[Sighting | None, Sighting | None] | None:
-        """The views of both robots, None unless one of them is a sighting to record."""
+    def _sightings(self) -> tuple[Sighting | None, Sighting | None] | None:
+        """What each robot sees of the other; None if there is no rendezvous to record."""
         if self._physics.time_s < self._next_event_s:
             return None
         if any(r.travelled_m < m for r, m in zip(self._robots, self._next_event_m, strict=True)):
@@ -192,7 +192,7 @@ class _Run:
     def _record(self, sightings: tuple[Sighting | None, Sighting | None]) -> None:
         first, second = self._robots
         self._events.append(
-            Event(
+            Rendezvous(
                 t_s=self._physics.time_s,
                 sightings=sightings,
                 snapshots=(first.snapshot(), second.snapshot()),

@@ -11,12 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rendezvous.compiled import njit
+from rendezvous.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN, Cells
 from rendezvous.geometry.se2 import SE2, Array
 
 BLOCK = 2
 """Fine cells per side of a planning cell."""
-
-UNKNOWN, FREE, OCCUPIED = 0, 1, 2
 
 # Lengths of a straight and a diagonal step in tenths of a cell, as the planner counts them.
 _STRAIGHT, _DIAGONAL = 10, 14
@@ -26,7 +25,7 @@ _BUCKETS = 256
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlanningMap:
-    """The map as the planner sees it.
+    """The map, coarsened for the planner.
 
     Attributes:
         cells: (H, W) uint8 of UNKNOWN, FREE, OCCUPIED.
@@ -35,13 +34,13 @@ class PlanningMap:
         T_m_g: pose of the corner of cell (0, 0); no rotation.
     """
 
-    cells: NDArray[np.uint8]
+    cells: Cells
     clearance_m: NDArray[np.float32]
     cell_m: float
     T_m_g: SE2
 
     def with_obstacles(self, points_m: Sequence[tuple[float, float]]) -> PlanningMap:
-        """The same map with something standing at these points of the map frame."""
+        """The same map with obstacles at these points of the map frame."""
         if not points_m:
             return self
         cells = self.cells.copy()
@@ -64,11 +63,11 @@ class PlanningMap:
 
 
 @njit
-def _coarsen(log_odds: NDArray[np.float32], occupied: float, free: float) -> NDArray[np.uint8]:
+def _coarsen(log_odds: NDArray[np.float32], occupied: float, free: float) -> Cells:
     """Occupied if any fine cell is, free if half of them are; one unknown cell of margin all round."""
     height = (log_odds.shape[0] + BLOCK - 1) // BLOCK
     width = (log_odds.shape[1] + BLOCK - 1) // BLOCK
-    cells = np.zeros((height + 2, width + 2), np.uint8)
+    cells = np.full((height + 2, width + 2), UNKNOWN, np.uint8)
     for row in range(height):
         for col in range(width):
             n_free = 0
@@ -99,25 +98,19 @@ def planning_map(
     )
 
 
-def _clearance(cells: NDArray[np.uint8], cell_m: float) -> NDArray[np.float32]:
+def _clearance(cells: Cells, cell_m: float) -> NDArray[np.float32]:
     cells_away = cv2.distanceTransform((cells != OCCUPIED).astype(np.uint8), cv2.DIST_L2, 5)
     return np.asarray(cells_away, np.float32) * np.float32(cell_m)
 
 
 @njit
 def _costs(
-    cells: NDArray[np.uint8],
-    clearance_m: NDArray[np.float32],
-    row0: int,
-    col0: int,
-    cell_m: float,
-    hard_m: float,
-    soft_m: float,
+    cells: Cells, clearance_m: NDArray[np.float32], row0: int, col0: int, hard_m: float, soft_m: float
 ) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
     """Dijkstra with a bucket queue (Dial, 1969): cost to and parent of every reachable cell.
 
-    Steps near obstacles cost up to five times as much. Close to the start, cells nearer to an obstacle
-    than `hard_m` may be crossed, so that a robot that touches something can leave.
+    Close to the start, cells nearer to an obstacle than `hard_m` may be crossed, so that a robot that
+    touches something can leave.
     """
     height, width = cells.shape
     cost = np.full(height * width, _UNREACHED, np.int32)
@@ -142,21 +135,12 @@ def _costs(
         if cost[cell] != current:
             continue
         row, col = cell // width, cell % width
-        for dr in range(-1, 2):
-            for dc in range(-1, 2):
-                r, c = row + dr, col + dc
-                if (dr == 0 and dc == 0) or not (0 <= r < height and 0 <= c < width):
-                    continue
-                if cells[r, c] != FREE:
-                    continue
+        for r in range(max(row - 1, 0), min(row + 2, height)):
+            for c in range(max(col - 1, 0), min(col + 2, width)):
                 near = clearance_m[r, c]
-                if near < hard_m and (abs(r - row0) > 2 or abs(c - col0) > 2):
+                if cells[r, c] != FREE or (near < hard_m and (abs(r - row0) > 2 or abs(c - col0) > 2)):
                     continue
-                step = _DIAGONAL if dr != 0 and dc != 0 else _STRAIGHT
-                if near < soft_m:
-                    step = int(step * (1.0 + 4.0 * (soft_m - near) / (soft_m - hard_m * 0.5)))
-                step = min(step, _BUCKETS - 1)
-                total = current + step
+                total = current + _step_cost(r != row and c != col, near, hard_m, soft_m)
                 neighbour = r * width + c
                 if total < cost[neighbour]:
                     cost[neighbour] = total
@@ -167,9 +151,18 @@ def _costs(
     return cost.reshape(height, width), parent
 
 
+@njit(inline="always")
+def _step_cost(is_diagonal: bool, clearance_m: float, hard_m: float, soft_m: float) -> int:
+    """Tenths of a cell; near obstacles up to five times as much."""
+    step = _DIAGONAL if is_diagonal else _STRAIGHT
+    if clearance_m < soft_m:
+        step = int(step * (1.0 + 4.0 * (soft_m - clearance_m) / (soft_m - hard_m * 0.5)))
+    return min(step, _BUCKETS - 1)
+
+
 @njit
 def _frontiers(
-    cells: NDArray[np.uint8], cost: NDArray[np.int32], least: int
+    cells: Cells, cost: NDArray[np.int32], least: int
 ) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
     """Clusters of reachable cells beside unknown ones: (F, 2) cell nearest each centre, and (F,) sizes."""
     height, width = cells.shape
@@ -211,7 +204,7 @@ def _frontiers(
 
 
 @njit(inline="always")
-def _is_frontier(cells: NDArray[np.uint8], cost: NDArray[np.int32], row: int, col: int) -> bool:
+def _is_frontier(cells: Cells, cost: NDArray[np.int32], row: int, col: int) -> bool:
     if not (0 < row < cells.shape[0] - 1 and 0 < col < cells.shape[1] - 1):
         return False
     if cells[row, col] != FREE or cost[row, col] == _UNREACHED:
@@ -226,10 +219,10 @@ def _is_frontier(cells: NDArray[np.uint8], cost: NDArray[np.int32], row: int, co
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reach:
-    """What can be reached from one cell.
+    """The cheapest ways from one cell to all that can be reached from it.
 
     Attributes:
-        cost: (H, W) int32 in tenths of a cell, `unreached` where there is no way.
+        cost: (H, W) int32 in tenths of a cell, the largest int32 where there is no way.
         parent: (H * W,) int32 previous cell on the way, -1 at the start.
     """
 
@@ -249,12 +242,10 @@ def reach(
     Args:
         plan: the map.
         row_col: start.
-        hard_clearance_m: nearer to an obstacle the robot does not go.
-        soft_clearance_m: nearer it goes only if the way round is much longer.
+        hard_clearance_m: the robot's centre never comes closer to an obstacle.
+        soft_clearance_m: it comes closer only if the way round is much longer.
     """
-    cost, parent = _costs(
-        plan.cells, plan.clearance_m, *row_col, plan.cell_m, hard_clearance_m, soft_clearance_m
-    )
+    cost, parent = _costs(plan.cells, plan.clearance_m, *row_col, hard_clearance_m, soft_clearance_m)
     return Reach(cost=cost, parent=parent)
 
 
@@ -278,11 +269,6 @@ def path_m(plan: PlanningMap, ways: Reach, row_col: tuple[int, int]) -> Array:
     while ways.parent[cell] >= 0:
         cells.append(cell)
         cell = int(ways.parent[cell])
-    flat = np.array(cells[::-1] or [cell], np.int64)
-    return np.stack(
-        [
-            plan.T_m_g.x_m + (flat % width + 0.5) * plan.cell_m,
-            plan.T_m_g.y_m + (flat // width + 0.5) * plan.cell_m,
-        ],
-        axis=1,
-    )
+    row, col = np.divmod(np.array(cells[::-1] or [cell], np.int64), width)
+    cells_m = plan.cell_m * (np.stack([col, row], axis=1) + 0.5)
+    return cells_m + np.array([plan.T_m_g.x_m, plan.T_m_g.y_m])

@@ -1,11 +1,10 @@
-"""How an episode is run, and what is recorded of it."""
+"""The parameters of an episode, and its record."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 
 from rendezvous.errors import ConfigError, require_within
-from rendezvous.exploration.explorer import ExplorerParameters
 from rendezvous.exploration.rendezvous import Sighting
 from rendezvous.geometry.occupancy_grid import OccupancyGrid
 from rendezvous.geometry.se2 import SE2, Array
@@ -16,11 +15,11 @@ from rendezvous.slam.slam import SlamParameters
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SightingParameters:
-    """What counts as a sighting.
+    """When a robot in view counts as a sighting.
 
     Attributes:
         min_range_m, max_range_m: distance from the camera to the centre of the other robot's cuboid.
-        least_visible: least share of its cuboid's sample points in view.
+        least_visible: smallest share of its cuboid's sample points in view.
     """
 
     min_range_m: float = 0.4
@@ -34,17 +33,64 @@ class SightingParameters:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class ExplorerParameters:
+    """How a robot explores. Margins are distances beyond the robot's radius.
+
+    Attributes:
+        hard_margin_m: paths never come closer to an obstacle.
+        soft_margin_m: paths come closer only if the way round is much longer.
+        least_frontier_m: shorter frontiers are ignored.
+        gain: metres of travel that a metre of frontier is worth.
+        replan_s: longest time that a plan is followed before the next one is made.
+        lookahead_m: distance to the point of the path that the robot steers for.
+        turn_gain: turn rate per heading error [1/s].
+        turn_limit_radps: largest turn rate; a lidar sweep skews with it.
+        turn_first_rad: heading error above which the robot turns on the spot.
+        accel_mps2, turn_accel_radps2: limits on changes of the command.
+        clear_margin_m: while driving, the robot keeps this distance from every surface in sight.
+        slip_m, slip_rad: if encoders and SLAM disagree by more over one sweep, something unseen holds the
+            robot, and it backs off.
+        stuck_s: after this long without progress the robot backs off and looks for another goal.
+    """
+
+    hard_margin_m: float = 0.045
+    soft_margin_m: float = 0.195
+    least_frontier_m: float = 0.4
+    gain: float = 0.6
+    replan_s: float = 4.0
+    lookahead_m: float = 0.30
+    turn_gain: float = 2.5
+    turn_limit_radps: float = 1.5
+    turn_first_rad: float = 0.8
+    accel_mps2: float = 1.0
+    turn_accel_radps2: float = 6.0
+    clear_margin_m: float = 0.02
+    slip_m: float = 0.012
+    slip_rad: float = 0.06
+    stuck_s: float = 5.0
+
+    def __post_init__(self) -> None:
+        require_within(
+            self, hard_margin_m=(0, 2), soft_margin_m=(self.hard_margin_m, 5),
+            least_frontier_m=(0.05, 10), gain=(0, 100), replan_s=(0.1, 600), lookahead_m=(0.05, 5),
+            turn_gain=(0.1, 20), turn_limit_radps=(0.05, 10), turn_first_rad=(0.05, 3.2),
+            accel_mps2=(0.05, 50), turn_accel_radps2=(0.1, 100), clear_margin_m=(0, 2), slip_m=(1e-3, 1),
+            slip_rad=(1e-3, 7), stuck_s=(0.5, 600),
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class EpisodeParameters:
-    """How long an episode runs and which meetings are recorded.
+    """How long an episode runs and which rendezvous are recorded.
 
     Attributes:
         drive: how the robots move.
-        max_time_s: an episode ends then at the latest.
-        first_event_s: bounds of the time before which no meeting is recorded, drawn log-uniformly for each
-            episode: early meetings have little overlap, late ones much.
-        least_explored_m2: area that each robot must know.
-        max_events: meetings recorded per episode.
-        event_gap_s, event_gap_m: time and travel of each robot between two of them.
+        max_time_s: longest episode.
+        first_event_s: bounds of the time of the first rendezvous, drawn log-uniformly for each episode: in
+            early ones the maps overlap little, in late ones much.
+        least_explored_m2: area that each robot must know at a rendezvous.
+        max_events: most rendezvous recorded per episode.
+        event_gap_s, event_gap_m: least time, and travel of each robot, from one rendezvous to the next.
         trajectory_step_s: spacing of the recorded paths.
     """
 
@@ -75,7 +121,7 @@ class EpisodeParameters:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Snapshot:
-    """One robot at a meeting.
+    """One robot at a rendezvous.
 
     Attributes:
         grid: its map.
@@ -95,8 +141,8 @@ class Snapshot:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Event:
-    """A meeting at `t_s`: who sees whom (`sightings[i]` is robot i's view, or None), and both robots."""
+class Rendezvous:
+    """Two robots near each other at `t_s`; `sightings[i]` is what robot i sees of the other, or None."""
 
     t_s: float
     sightings: tuple[Sighting | None, Sighting | None]
@@ -105,8 +151,8 @@ class Event:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Episode:
-    """What became of an episode: its meetings, how long it was, and both robots at its end."""
+    """The rendezvous of an episode, its length, and both robots at its end."""
 
-    events: tuple[Event, ...]
+    events: tuple[Rendezvous, ...]
     simulated_s: float
     last: tuple[Snapshot, Snapshot]

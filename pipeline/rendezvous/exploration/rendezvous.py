@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rendezvous.compiled import njit
+from rendezvous.floorplan.walls import SightObstacles
 from rendezvous.geometry.camera import se3_from_se2
 from rendezvous.geometry.se2 import SE2, Array
 from rendezvous.simulation.robot import Cuboid, RobotSpec
@@ -17,29 +18,13 @@ SAMPLES_PER_SIDE = 3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class SightObstacles:
-    """What may stand in a line of sight: upright faces and cylinders in w.
-
-    Attributes:
-        segments_m: (S, 4) x0, y0, x1, y1.
-        bottoms_m, tops_m: (S,) heights of each.
-        circles_m: (C, 5) x, y, radius, bottom, top.
-    """
-
-    segments_m: Array
-    bottoms_m: Array
-    tops_m: Array
-    circles_m: Array
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class Sighting:
-    """What the observer's camera has of the other robot.
+    """One robot seen by another one's camera.
 
     Attributes:
         range_m: from the camera to the centre of the cuboid.
-        bearing_rad: of that centre from the observer's heading, left positive.
-        visible_fraction: share of the cuboid's sample points in the image with nothing in front.
+        bearing_rad: from the observer's heading to that centre, left positive.
+        visible_fraction: share of the cuboid's sample points that are in the image with nothing before them.
     """
 
     range_m: float
@@ -65,7 +50,7 @@ def sight(
     min_range_m: float,
     max_range_m: float,
 ) -> Sighting | None:
-    """The view that the observer's camera has of the other robot, None if it is out of range or view.
+    """The observer's sighting of the other robot, None if it is out of range or view.
 
     Args:
         observer, seen: robots 0 and 1.
@@ -89,14 +74,7 @@ def sight(
     in_image = camera.in_image(camera.project(p_c[1:]))
     if not in_image.any():
         return None
-    blocked = _blocked(
-        T_w_c[:3, 3],
-        p_w[1:],
-        obstacles.segments_m,
-        obstacles.bottoms_m,
-        obstacles.tops_m,
-        obstacles.circles_m,
-    )
+    blocked = _blocked(T_w_c[:3, 3], p_w[1:], obstacles)
     centre_r0 = T_r0_r1 @ np.array(seen.cuboid.centre_m[:2])
     return Sighting(
         range_m=range_m,
@@ -118,10 +96,9 @@ def _widest_bearing(observer: RobotSpec, seen: RobotSpec, T_r0_r1: SE2) -> float
 
 
 @njit
-def _blocked(
-    eye: Array, points: Array, segments_m: Array, bottoms_m: Array, tops_m: Array, circles_m: Array
-) -> NDArray[np.bool_]:
+def _blocked(eye: Array, points: Array, obstacles: SightObstacles) -> NDArray[np.bool_]:
     """(N,) bool: does a face or cylinder cross the line from the eye (3,) to each of the points (N, 3)?"""
+    segments_m, bottoms_m, tops_m, circles_m = obstacles
     blocked = np.zeros(points.shape[0], np.bool_)
     for i in range(points.shape[0]):
         dx, dy, dz = points[i, 0] - eye[0], points[i, 1] - eye[1], points[i, 2] - eye[2]

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from rendezvous.errors import FloorplanError
 from rendezvous.floorplan.records import Floorplan, Shape, Solid
+from rendezvous.floorplan.site import largest_component
 from rendezvous.geometry.se2 import SE2, Array
 from rendezvous.simulation.rays import RayScene, cast_rays
 
@@ -35,12 +36,12 @@ def draw_starts(
     Args:
         floorplan: the plan.
         regions: its rooms.
-        solids: what of its furniture a robot can run into.
+        solids: the furniture that a robot can run into.
         scene: walls and furniture as the lidar sees them.
-        clearance_m: distance that the starts keep from all of them.
+        clearance_m: distance from the starts to all of them.
         passage_m: distance that a robot keeps on its way; the starts can reach each other with it.
-        least_distance_m: between the starts.
-        rng: draws two rooms without replacement, then places uniformly in them, headings uniformly.
+        least_distance_m: distance between the starts.
+        rng: draws two rooms without replacement, then places and headings uniformly.
 
     Raises:
         FloorplanError: no such pair was found.
@@ -65,7 +66,7 @@ def draw_starts(
 def _open_space(
     floorplan: Floorplan, solids: Sequence[Solid], clearance_m: float, passage_m: float
 ) -> tuple[NDArray[np.bool_], Array]:
-    """(H, W) bool: cells that keep the clearance in the largest piece of what is passable; and the corner."""
+    """(H, W) bool: cells with that clearance in the largest passable part; and the grid's corner [m]."""
     low_m = floorplan.outline_m.min(axis=0) - 2 * _CELL_M
     high_m = floorplan.outline_m.max(axis=0) + 2 * _CELL_M
     width, height = (math.ceil(n) for n in (high_m - low_m) / _CELL_M)
@@ -84,11 +85,7 @@ def _open_space(
             cv2.fillPoly(image, [_pixels(solid.corners_m(), low_m)], 0)
     away_m = cv2.distanceTransform(image, cv2.DIST_L2, 5) * _CELL_M
     passable = (away_m > passage_m).astype(np.uint8)
-    _, labels, stats, _ = cv2.connectedComponentsWithStats(passable, connectivity=4)
-    if len(stats) < 2:
-        return np.zeros(image.shape, np.bool_), low_m
-    largest = 1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA]))
-    return (labels == largest) & (away_m > clearance_m), low_m
+    return (largest_component(passable) > 0) & (away_m > clearance_m), low_m
 
 
 def _pixels(p_m: Array, corner_m: Array) -> NDArray[np.int32]:

@@ -1,25 +1,24 @@
-"""A furnished plan as physics, lidar and camera meet it."""
+"""A furnished plan for physics, lidar and camera."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from rendezvous.exploration.rendezvous import SightObstacles
 from rendezvous.floorplan.records import Floorplan, Solid
-from rendezvous.floorplan.walls import lidar_outline, sight_obstacles
+from rendezvous.floorplan.walls import SightObstacles, lidar_outline, sight_obstacles
 from rendezvous.simulation.rays import RayScene, ray_scene
 from rendezvous.simulation.robot import RobotSpec
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Surroundings:
-    """What surrounds the robots.
+    """The world around the robots.
 
     Attributes:
-        solids: what they can run into.
-        lidar_scene: what their lidars see; both robots have the same lidar height.
-        sight_obstacles: what their cameras see.
+        solids: all that they can run into.
+        lidar_scene: all that their lidars see, at the height that both have in common.
+        sight_obstacles: all that can hide one robot from the other's camera.
     """
 
     solids: tuple[Solid, ...]
@@ -30,19 +29,16 @@ class Surroundings:
 def furnished(
     plan: Floorplan, walls: Sequence[Solid], furniture: Sequence[Solid], robot: RobotSpec
 ) -> Surroundings:
-    """Put plan, wall boxes and furniture together for a robot of this height."""
+    """The surroundings of such robots in a furnished plan."""
     segments_m, circles_m = lidar_outline(plan, furniture, height_m=robot.lidar.z_m)
     wall_height_m = max(wall.z1_m for wall in walls)
-    sides_m, bottoms_m, tops_m, cylinders_m = sight_obstacles(plan, furniture, wall_height_m=wall_height_m)
     return Surroundings(
         solids=(*walls, *in_the_way(furniture, robot)),
         lidar_scene=ray_scene(segments_m, circles_m),
-        sight_obstacles=SightObstacles(
-            segments_m=sides_m, bottoms_m=bottoms_m, tops_m=tops_m, circles_m=cylinders_m
-        ),
+        sight_obstacles=sight_obstacles(plan, furniture, wall_height_m=wall_height_m),
     )
 
 
 def in_the_way(furniture: Sequence[Solid], robot: RobotSpec) -> tuple[Solid, ...]:
-    """What the robot can run into: a table top above it only costs time in physics."""
+    """The furniture that the robot can run into: a table top above it would only slow physics down."""
     return tuple(solid for solid in furniture if solid.z0_m < robot.size_m[2])

@@ -26,7 +26,7 @@ ROUND_M2 = 18.0
 """Floor per round of a recipe: only large rooms hold the same twice."""
 
 MIN_AGREEMENT = 0.3
-"""Intersection over union from which on a label is a room's."""
+"""A label is a room's from this intersection over union on."""
 
 WALL_SPOT_STEP_M = 0.2
 
@@ -44,7 +44,7 @@ def furnish(
         floorplan: a validated plan.
         rng: draws pieces and places.
         density: 0 none, 1 moderate, 2 crowded.
-        robot_radius_m: of the robot that has to get around in it.
+        robot_radius_m: radius of the robot that has to get around.
 
     Returns:
         The solids; those of one piece share `item`, numbered from 0.
@@ -104,7 +104,7 @@ def _furnished(
 
 
 def _queue(recipe: Recipe, rng: np.random.Generator, *, rounds: int) -> Iterator[Maker]:
-    """What makes the room what it is, then the rest in random order, each once per round."""
+    """The pieces typical of the room, then the others in random order, each once per round."""
     yield from recipe.first
     for _ in range(rounds):
         for i in rng.permutation(len(recipe.then)):

@@ -9,7 +9,7 @@ import shapely
 from shapely import LineString, Polygon
 
 from rendezvous.errors import FloorplanError
-from rendezvous.floorplan.layouts import Layout, apartment, hall, office, tapered
+from rendezvous.floorplan.layouts import Storey, apartment, hall, office, tapered
 from rendezvous.floorplan.partition import is_compact, shared_walls
 from rendezvous.floorplan.records import Floorplan, Room
 from rendezvous.floorplan.validate import FloorplanLimits, validated
@@ -17,22 +17,22 @@ from rendezvous.geometry.se2 import Array
 from rendezvous.seeds import stream
 
 ATTEMPTS = 50
-"""Layouts drawn before giving up; the share that fails is a few per cent."""
+"""Layouts drawn before giving up; a few per cent of them fail."""
 
 SHIPPED_KINDS = ("apartment", "office", "apartment", "hall", "office", "apartment")
 
 ALL_REACHABLE = FloorplanLimits(min_reachable_share=0.97)
-"""Stricter than for plans from elsewhere: no room of ours may be shut."""
+"""Stricter than for other plans: no generated room may be shut."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GeneratorParameters:
-    """What plans are drawn from; ranges are (least, most).
+    """The distributions that plans are drawn from; ranges are (least, most).
 
     Attributes:
         apartment, office, hall: weights of the kinds.
         rooms: number of rooms, corridors included.
-        wall_thickness_m: of the partition walls; single walls are thicker, never above the range.
+        wall_thickness_m: thickness of partition walls; single walls are thicker, up to the end of the range.
         door_width_m: clear width of doors; archways are wider.
         slanted_share: share of plans with slanted walls.
         loop_share: probability of a door beyond those that connect all rooms, per pair of neighbours.
@@ -79,8 +79,8 @@ def generate_floorplan(
     Args:
         rng: the plan is a function of its state.
         plan_id: name of the plan.
-        robot_radius_m: of the robot that has to get everywhere in it.
-        parameters: what it is drawn from.
+        robot_radius_m: radius of the robot that has to get everywhere in it.
+        parameters: the distributions it is drawn from.
 
     Raises:
         FloorplanError: no valid plan in `ATTEMPTS` layouts; the parameters contradict each other.
@@ -129,7 +129,7 @@ def shipped_floorplans(count: int, *, robot_radius_m: float, seed: int = 0) -> l
     return plans
 
 
-def _wraps(layout: Layout) -> bool:
+def _wraps(layout: Storey) -> bool:
     """Whether a room is wrapped around the hub or around several others."""
     hub = layout.cells[layout.hub]
     others = [cell for i, cell in enumerate(layout.cells) if i != layout.hub]
@@ -139,7 +139,7 @@ def _wraps(layout: Layout) -> bool:
 
 
 def _built(
-    layout: Layout, rng: np.random.Generator, plan_id: str, parameters: GeneratorParameters
+    layout: Storey, rng: np.random.Generator, plan_id: str, parameters: GeneratorParameters
 ) -> Floorplan:
     """The layout with walls of some thickness, doors, niches and posts."""
     # Most partition walls are thin: a beta distribution that leans to the low end of the range.
@@ -180,7 +180,7 @@ def _box(room: Polygon, corner_m: Array) -> tuple[float, float, float, float]:
 
 
 def _connected(
-    layout: Layout,
+    layout: Storey,
     walls: dict[tuple[int, int], Array],
     rng: np.random.Generator,
     parameters: GeneratorParameters,
@@ -208,7 +208,7 @@ def _connected(
 def _opening(
     wall_m: Array,
     rng: np.random.Generator,
-    layout: Layout,
+    layout: Storey,
     pair: tuple[int, int],
     parameters: GeneratorParameters,
     depth_m: float,

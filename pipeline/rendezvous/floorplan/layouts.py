@@ -13,13 +13,13 @@ from rendezvous.geometry.se2 import Array
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Layout:
-    """Rooms up to the middle of their walls, before walls have a thickness and doors.
+class Storey:
+    """Rooms that meet in the middle of their walls, before walls get a thickness and doors.
 
     Attributes:
         cells: the rooms [m]; they tile the storey.
         categories: one per cell.
-        hub: index of the cell that others open to: corridor, living room or hall.
+        hub: index of the cell onto which others open: corridor, living room or hall.
         posts: pillars and free-standing walls [m].
     """
 
@@ -29,7 +29,7 @@ class Layout:
     posts: list[Polygon]
 
 
-def apartment(rng: np.random.Generator, *, slanted: bool) -> Layout:
+def apartment(rng: np.random.Generator, *, slanted: bool) -> Storey:
     """A flat: rooms around a living room or along a short corridor."""
     # Uniform sizes: 45 to 190 m2.
     width_m, depth_m = rng.uniform(7.5, 15.0), rng.uniform(6.5, 12.5)
@@ -42,14 +42,14 @@ def apartment(rng: np.random.Generator, *, slanted: bool) -> Layout:
         rooms = _subdivided_all(pieces, rng, room_area_m2=room_area_m2, min_side_m=1.9, slant=slant)
         cells = [hall, *merged(rooms, rng, share=0.12, max_area_m2=30.0)]
         categories = ["Hall", *_home_categories(cells[1:], rng)]
-        return Layout(cells=cells, categories=categories, hub=0, posts=[])
+        return Storey(cells=cells, categories=categories, hub=0, posts=[])
     rooms = subdivided(shell, rng, room_area_m2=room_area_m2, min_side_m=1.9, slant=slant)
     cells = merged(rooms, rng, share=0.15, max_area_m2=34.0)
     categories = _home_categories(cells, rng)
-    return Layout(cells=cells, categories=categories, hub=_best_hub(cells), posts=[])
+    return Storey(cells=cells, categories=categories, hub=_best_hub(cells), posts=[])
 
 
-def office(rng: np.random.Generator, *, slanted: bool) -> Layout:
+def office(rng: np.random.Generator, *, slanted: bool) -> Storey:
     """Rooms along a straight, L- or T-shaped corridor, or around one that closes to a ring."""
     # Uniform sizes: 90 to 270 m2.
     width_m, depth_m = rng.uniform(11.0, 19.0), rng.uniform(8.5, 14.0)
@@ -72,12 +72,12 @@ def office(rng: np.random.Generator, *, slanted: bool) -> Layout:
     )
     cells = [corridor, *merged(rooms, rng, share=0.1, max_area_m2=45.0)]
     posts = [post for cell in cells[1:] if cell.area > 32.0 for post in _pillars(cell, rng)]
-    return Layout(
+    return Storey(
         cells=cells, categories=["Corridor", *_office_categories(cells[1:], rng)], hub=0, posts=posts
     )
 
 
-def hall(rng: np.random.Generator, *, slanted: bool) -> Layout:
+def hall(rng: np.random.Generator, *, slanted: bool) -> Storey:
     """One or two halls with pillars and screens, rooms along one or two sides."""
     # Uniform sizes: 110 to 290 m2.
     width_m, depth_m = rng.uniform(11.0, 18.0), rng.uniform(10.0, 16.0)
@@ -88,10 +88,10 @@ def hall(rng: np.random.Generator, *, slanted: bool) -> Layout:
     halls = subdivided(open_space, rng, room_area_m2=rng.uniform(60.0, 110.0), min_side_m=4.5, slant=slant)
     posts = [post for cell in halls for post in _structure(cell, rng)]
     categories = ["Hall"] * len(halls) + _office_categories(rooms, rng)
-    return Layout(cells=[*halls, *rooms], categories=categories, hub=0, posts=posts)
+    return Storey(cells=[*halls, *rooms], categories=categories, hub=0, posts=posts)
 
 
-def tapered(layout: Layout, rng: np.random.Generator) -> Layout:
+def tapered(layout: Storey, rng: np.random.Generator) -> Storey:
     """The layout of a building that narrows to one side.
 
     A mild projective map: straight walls stay straight.
@@ -106,7 +106,7 @@ def tapered(layout: Layout, rng: np.random.Generator) -> Layout:
         relative = xy_m - centre
         return centre + relative / (1.0 + k * relative[:, 0 if along_x else 1])[:, None]
 
-    return Layout(
+    return Storey(
         cells=[shapely.transform(cell, taper) for cell in layout.cells],
         categories=layout.categories,
         hub=layout.hub,

@@ -1,4 +1,4 @@
-"""What a piece of furniture is. Frame s: on the floor in the middle of the piece, back to -y, front to +y."""
+"""Pieces of furniture. Frame s: on the floor in the middle of the piece, back to -y, front to +y."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from rendezvous.floorplan.records import Shape, Solid
 from rendezvous.geometry.se2 import Array
 
 DRIVE_UNDER_M = 0.4
-"""What hangs at least this high leaves room for a robot beneath; everything else stands on the floor."""
+"""A part that starts this high leaves room for a robot beneath; everything else stands on the floor."""
 
 
 class Part(NamedTuple):
@@ -33,7 +33,7 @@ class Piece:
     """A piece of furniture at the origin.
 
     Attributes:
-        category: what it is.
+        category: "table", "sofa", ...
         half_x_m, half_y_m: half sides of the rectangle around it, chairs included.
         parts: its solids in its own frame.
         at_wall: whether it stands with its back to a wall.

@@ -14,8 +14,8 @@ class Recipe:
 
     Attributes:
         fill: share of the floor that furniture takes at density 1.
-        first: pieces that make it that kind of room, tried in this order.
-        then: what follows, drawn uniformly.
+        first: pieces typical of the room, tried in this order.
+        then: further pieces, drawn uniformly.
     """
 
     fill: float

@@ -1,4 +1,4 @@
-"""What a floor plan and its furniture are. World frame w: the plan's own axes, floor at z = 0."""
+"""Floor plans and solids. World frame w: the plan's own axes, floor at z = 0."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Room:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Floorplan:
-    """A validated floor plan: the free space of one storey, walls are what is left out.
+    """A validated floor plan: the free space of one storey; all else is wall.
 
     Attributes:
         plan_id: unique name.
@@ -79,7 +79,7 @@ class Solid:
         x_m, y_m, yaw_rad: pose of the footprint's centre in w.
         half_x_m, half_y_m: half sides of the footprint; both the radius for a cylinder.
         z0_m, z1_m: heights of bottom and top above the floor.
-        category: what it is part of ("wall", "table", "sofa", ...).
+        category: the thing it is part of ("wall", "table", "sofa", ...).
         item: index of the piece of furniture it belongs to; -1 for walls.
     """
 

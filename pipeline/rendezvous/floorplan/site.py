@@ -1,4 +1,4 @@
-"""A floor plan on a grid, and what of it a robot still reaches as furniture comes in."""
+"""A floor plan on a grid, and the part that a robot still reaches as furniture is added."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ from rendezvous.floorplan.reach import (
     DOORWAY,
     VACANT,
     WALL,
-    Mask,
     Regions,
     admit_in_place,
     first_vacant,
@@ -20,6 +19,7 @@ from rendezvous.floorplan.reach import (
 )
 from rendezvous.floorplan.records import Floorplan, Shape
 from rendezvous.floorplan.validate import start_regions
+from rendezvous.geometry.occupancy_grid import Cells
 from rendezvous.geometry.se2 import Array
 
 CELL_M = 0.05
@@ -28,7 +28,7 @@ MARGIN_CELLS = 5
 """Cells around the plan, so that a step out through a wall stays on the grid."""
 
 WALL_SLACK_CELLS = 0.7
-"""By this much a piece may reach into a cell that a wall touches; exact polygons have the last word."""
+"""A piece may reach this far into a cell that a wall touches; exact polygons decide in the end."""
 
 STEERING_M = 0.065
 """Room to steer, between a solid and the robot."""
@@ -37,10 +37,10 @@ DOOR_CLEARANCE_M = 0.7
 """Nothing stands this close to the middle of a doorway."""
 
 MAX_POCKET_M2 = 0.3
-"""The largest corner that a piece of furniture may cut off, its own footprint not counted."""
+"""Largest area that a piece of furniture may cut off, besides its own footprint."""
 
 MIN_REGION_LEFT = 0.4
-"""Of each start region, the share that furniture leaves reachable."""
+"""Share of each start region that furniture leaves reachable."""
 
 SHIFT = 4
 """Binary digits of the fractions of a pixel that OpenCV draws with."""
@@ -50,7 +50,7 @@ class Site:
     """A floor plan and the furniture that stands in it so far.
 
     Attributes:
-        room_count: rooms, numbered from 1: each start region and what is nearest to it.
+        room_count: rooms, numbered from 1: each start region and the cells nearest to it.
         room_of_cell: (H, W) int32, 0 in the walls.
         region_of_cell: (H, W) int32, the start regions, 0 elsewhere.
         reachable: (H, W) uint8, 1 where the robot's centre can be.
@@ -65,7 +65,7 @@ class Site:
         self._free_space = floorplan.free_space()
         shapely.prepare(self._free_space)
         free = self._free_cells(floorplan)
-        self.reachable = _largest_component(cv2.erode(free, _disc(self._clearance_m)))
+        self.reachable = largest_component(cv2.erode(free, _disc(self._clearance_m)))
         regions = start_regions(floorplan, robot_radius_m=robot_radius_m)
         self.room_count = len(regions)
         self.region_of_cell = np.zeros(self._shape, np.int32)
@@ -94,8 +94,8 @@ class Site:
     def place_in_place(self, piece: Piece, poses: Array) -> Array | None:
         """Put a piece at the first of these poses (T, 3) at which it fits.
 
-        It fits where its rectangle lies in the free space, clear of doorways and other pieces, and where what
-        the robot reaches stays connected.
+        It fits where its rectangle lies in the free space, clear of doorways and other pieces, and where all
+        that the robot reaches stays connected.
 
         Returns:
             The pose (3,) x [m], y [m], yaw [rad], or None.
@@ -134,7 +134,7 @@ class Site:
         cells[:, 2] = poses[:, 2]
         return cells
 
-    def _free_cells(self, floorplan: Floorplan) -> Mask:
+    def _free_cells(self, floorplan: Floorplan) -> Cells:
         """Cells that no wall touches."""
         free = np.zeros(self._shape, np.uint8)
         self._draw(free, floorplan.outline_m, 1)
@@ -144,7 +144,7 @@ class Site:
         cv2.polylines(free, rings, True, 0, shift=SHIFT)
         return free
 
-    def _draw(self, cells: Mask | Regions, ring_m: Array, value: int) -> None:
+    def _draw(self, cells: Cells | Regions, ring_m: Array, value: int) -> None:
         cv2.fillPoly(cells, [self._pixels(ring_m)], value, shift=SHIFT)
 
     def _pixels(self, p_m: Array) -> NDArray[np.int32]:
@@ -159,18 +159,18 @@ def _corners(pose: Array, halves_m: Array) -> Array:
     return pose[:2] + np.array([-along - aside, along - aside, along + aside, aside - along])
 
 
-def _disc(radius_m: float) -> Mask:
+def _disc(radius_m: float) -> Cells:
     """Offsets up to this radius [m], as an erosion kernel."""
     reach = int(radius_m / CELL_M)
     offset = np.arange(-reach, reach + 1) * CELL_M
     return (np.hypot(offset[:, None], offset) <= radius_m).astype(np.uint8)
 
 
-def _largest_component(cells: Mask) -> Mask:
+def largest_component(cells: Cells) -> Cells:
+    """(H, W) uint8, 1 in the largest 4-connected set of non-zero cells; all 0 if there is none."""
     count, labels, stats, _ = cv2.connectedComponentsWithStats(cells, connectivity=4)
-    if count < 2:
-        return cells
-    return (labels == 1 + int(stats[1:, cv2.CC_STAT_AREA].argmax())).astype(np.uint8)
+    largest = 1 + int(stats[1:, cv2.CC_STAT_AREA].argmax()) if count > 1 else -1
+    return (labels == largest).astype(np.uint8)
 
 
 def _nearest_region(region_of_cell: Regions) -> Regions:

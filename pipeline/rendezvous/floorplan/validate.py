@@ -1,4 +1,4 @@
-"""Repair and judge floor plans: what two robots can explore and meet in."""
+"""Repair floor plans, and judge whether two robots can explore them and meet."""
 
 from __future__ import annotations
 
@@ -19,34 +19,34 @@ PRECISION_M = 0.001
 """Vertices lie on this grid, so that a plan written to a file and read again is the same plan."""
 
 RASTER_STEP_M = 0.01
-"""HouseExpo's outlines were traced on pixels of this size; a vertex this near a straight line is noise."""
+"""HouseExpo's outlines were traced on pixels of this size; a vertex closer to a straight line is noise."""
 
 JOINT_M = 0.01
-"""Half the side of the piece of wall that joins two walls which meet in a point."""
+"""Half the side of the square that joins two walls which meet in a point."""
 
 HALF_DOORS_M = (0.6, 0.75, 0.9)
-"""Half widths of the openings that part one room from the next: doors, then archways."""
+"""Half widths of the openings that separate rooms: doors, then archways."""
 
 FARTHEST_M = 10_000.0
-"""A plan lies within this distance of the origin: GLB's 32 bits hold it to the millimetre there."""
+"""Plans lie within this distance of the origin, where GLB's 32 bits resolve a millimetre."""
 
 START_MARGIN_M = 0.145
 """A robot in a start region is this far from the walls, to within 4 cm where the walls have corners."""
 
 PASSAGE_MARGIN_M = 0.03
-"""Added to the robot's radius where it is asked whether it can pass."""
+"""A robot passes an opening if it is wider than its diameter by twice this."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FloorplanLimits:
-    """What a usable plan keeps to.
+    """Limits that a usable plan keeps.
 
     Attributes:
         min_side_m, max_side_m: range of both sides of the plan's bounding box.
         min_area_m2, max_area_m2: range of the free area.
-        crossing_m: an outline that crosses or touches itself is repaired if what is lost is thinner.
-        min_reachable_share: of the area that the robot fits in, the least share in one piece.
-        min_start_regions: rooms to start in.
+        crossing_m: an outline that crosses or touches itself is repaired if the parts lost are thinner.
+        min_reachable_share: smallest share, in one piece, of the area that the robot fits in.
+        min_start_regions: number of rooms to start in.
     """
 
     min_side_m: float = 3.0
@@ -85,11 +85,11 @@ def validated(
 
     Args:
         floorplan: as it was read.
-        robot_radius_m: of the robots that have to get around in it.
-        limits: what a usable plan keeps to.
+        robot_radius_m: radius of the robots that have to get around in it.
+        limits: limits of a usable plan.
 
     Raises:
-        FloorplanError: the plan cannot be used; plan id, reason, location [m] and what would be right.
+        FloorplanError: the plan cannot be used.
     """
     _check_extent(floorplan, limits)
     free = _repaired(floorplan, limits)
@@ -123,7 +123,7 @@ def reachable_space(floorplan: Floorplan, *, robot_radius_m: float) -> Polygon:
 
 
 def start_regions(floorplan: Floorplan, *, robot_radius_m: float) -> tuple[Polygon, ...]:
-    """Rooms, as far as a robot may start in them: disjoint parts of the free space, largest first [m].
+    """Disjoint parts of the rooms in which a robot may start, largest first [m].
 
     A room is a piece of the free space eroded by half a doorway, grown back up to where a robot keeps
     `START_MARGIN_M` from the walls. Of several doorway widths, the one that parts the plan into most rooms
@@ -204,8 +204,8 @@ def _repaired(floorplan: Floorplan, limits: FloorplanLimits) -> Polygon:
 def _uncrossed(floorplan: Floorplan, limits: FloorplanLimits) -> Polygon:
     """The free space of an outline that touches or crosses itself a little."""
     outline = Polygon(floorplan.outline_m)
-    # Cells of the plane that the ring goes around at all, and those that it goes around an odd number of
-    # times: they differ where the ring overlaps itself.
+    # The regions around which the ring goes at all, and an odd number of times, differ where it overlaps
+    # itself.
     enclosed = shapely.make_valid(outline, method="structure", keep_collapsed=False)
     alternating = shapely.make_valid(outline, method="linework")
     main = _largest(enclosed)
@@ -231,7 +231,7 @@ def _joined(free: Polygon) -> Polygon:
 def _simplified(free: Polygon) -> Polygon:
     """Simplified until nothing changes, so that validating twice is validating once."""
     while True:
-        # Which vertices fall away depends on where the ring starts: at its smallest vertex, always.
+        # The vertices removed depend on where the ring starts; normalised, it starts at its smallest vertex.
         free = free.normalize()
         simpler = free.simplify(RASTER_STEP_M, preserve_topology=True)
         if shapely.get_num_coordinates(simpler) == shapely.get_num_coordinates(free):

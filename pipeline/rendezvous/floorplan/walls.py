@@ -1,8 +1,9 @@
-"""Walls as polygons, boxes and faces that a sensor sees."""
+"""Walls as polygons, as boxes, and as the faces that sensors see."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 import shapely
@@ -19,6 +20,21 @@ MAX_TRIM_M = 0.02
 """The most that a box stops short of a sharp corner, unless it is already the thinnest."""
 
 ROUNDING_M = 1e-6
+
+
+class SightObstacles(NamedTuple):
+    """Upright faces and cylinders in w that may hide something.
+
+    Attributes:
+        segments_m: (S, 4) x0, y0, x1, y1.
+        bottoms_m, tops_m: (S,) heights of each.
+        circles_m: (C, 5) x, y, radius, bottom, top.
+    """
+
+    segments_m: Array
+    bottoms_m: Array
+    tops_m: Array
+    circles_m: Array
 
 
 def wall_polygon(floorplan: Floorplan, *, thickness_m: float) -> Polygon | MultiPolygon:
@@ -66,27 +82,19 @@ def wall_boxes(floorplan: Floorplan, *, height_m: float) -> tuple[Solid, ...]:
 
 
 def lidar_outline(floorplan: Floorplan, solids: Sequence[Solid], *, height_m: float) -> tuple[Array, Array]:
-    """What a level scan at this height sees.
+    """All that a level scan at this height can see.
 
     Returns:
         (S, 4) x0, y0, x1, y1 [m]: all wall faces (free space to their left) and the sides of the boxes.
         (C, 3) x, y, radius [m]: the cylinders.
     """
     cut = [solid for solid in solids if solid.z0_m <= height_m <= solid.z1_m]
-    segments, _, _, circles = sight_obstacles(floorplan, cut, wall_height_m=height_m)
-    return segments, circles[:, :3]
+    obstacles = sight_obstacles(floorplan, cut, wall_height_m=height_m)
+    return obstacles.segments_m, obstacles.circles_m[:, :3]
 
 
-def sight_obstacles(
-    floorplan: Floorplan, solids: Sequence[Solid], *, wall_height_m: float
-) -> tuple[Array, Array, Array, Array]:
-    """What may stand in a line of sight.
-
-    Returns:
-        (S, 4) x0, y0, x1, y1 [m]: all wall faces and the sides of the boxes.
-        (S,) bottom and (S,) top of each [m].
-        (C, 5) x, y, radius, bottom, top [m]: the cylinders.
-    """
+def sight_obstacles(floorplan: Floorplan, solids: Sequence[Solid], *, wall_height_m: float) -> SightObstacles:
+    """All wall faces, the sides of the boxes, and the cylinders."""
     edges_m = floorplan.edges_m()
     boxes = [solid for solid in solids if solid.shape is Shape.BOX]
     rings_m = np.array([box.corners_m() for box in boxes]).reshape(-1, 4, 2)
@@ -98,11 +106,11 @@ def sight_obstacles(
         for solid in solids
         if solid.shape is Shape.CYLINDER
     ]
-    return (
-        np.concatenate([edges_m, sides_m]),
-        np.concatenate([np.zeros(len(edges_m)), bottoms_m]),
-        np.concatenate([np.full(len(edges_m), wall_height_m), tops_m]),
-        np.array(circles, dtype=np.float64).reshape(-1, 5),
+    return SightObstacles(
+        segments_m=np.concatenate([edges_m, sides_m]),
+        bottoms_m=np.concatenate([np.zeros(len(edges_m)), bottoms_m]),
+        tops_m=np.concatenate([np.full(len(edges_m), wall_height_m), tops_m]),
+        circles_m=np.array(circles, dtype=np.float64).reshape(-1, 5),
     )
 
 

@@ -40,7 +40,7 @@ class PinholeCamera:
 
     @staticmethod
     def of_matrix(K: Array, width_px: int, height_px: int) -> PinholeCamera:
-        """The camera of a matrix (3, 3) [px] without skew."""
+        """The camera with this matrix (3, 3) [px], which has no skew."""
         return PinholeCamera(
             fx_px=float(K[0, 0]),
             fy_px=float(K[1, 1]),
@@ -103,5 +103,5 @@ def se3_from_se2(pose: SE2) -> Array:
 
 
 def se2_from_se3(T: Array) -> SE2:
-    """x [m], y [m] and yaw [rad] of a (4, 4) pose: what is left of it on the floor."""
+    """x [m], y [m] and yaw [rad] of a (4, 4) pose."""
     return SE2(float(T[0, 3]), float(T[1, 3]), float(np.arctan2(T[1, 0], T[0, 0])))

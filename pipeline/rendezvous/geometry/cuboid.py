@@ -1,4 +1,4 @@
-"""The cuboid around an object: its nine points in DOPE's order, their image, and the pose they give back."""
+"""The cuboid around an object: its nine points in DOPE's order, their pixels, and the pose from them."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def cuboid_points(size_m: Vec3) -> Array:
 
 
 def project_cuboid(T_c_o: Array, size_m: Vec3, camera: PinholeCamera) -> Array:
-    """(9, 2) [px]: the nine points' image, also outside of the picture; NaN for points behind the camera.
+    """(9, 2) [px]: the nine points' pixels, inside the image or not; NaN for points behind the camera.
 
     Args:
         T_c_o: (4, 4) pose of the cuboid in the camera.
@@ -43,17 +43,17 @@ def project_cuboid(T_c_o: Array, size_m: Vec3, camera: PinholeCamera) -> Array:
 def pose_from_cuboid(uv_px: Array, size_m: Vec3, camera: PinholeCamera) -> Array | None:
     """(4, 4) `T_c_o` whose cuboid projects to the points: perspective-n-point over those that are known.
 
-    SQPnP, then least squares on the pixels. (DOPE's solver is EPnP alone, which is far off the more often the
-    fewer points are known.) Four corners of one plane through the centroid leave two poses to choose from.
+    SQPnP, then least squares on the pixels. (DOPE's solver is EPnP alone, which fails more often with fewer
+    points.) Four corners of one plane through the centroid are ambiguous: two poses fit them.
 
     Args:
-        uv_px: (9, 2) in DOPE's order; NaN for a point that is not known.
+        uv_px: (9, 2) in DOPE's order; NaN for unknown points.
         size_m: sides along the axes of o.
         camera: intrinsics.
 
     Returns:
-        None where fewer than four points are known, all of them lie in one place, or no pose puts the cuboid
-        in front of the camera.
+        None if fewer than four points are known, they all lie in one place, or no pose puts the cuboid in
+        front of the camera.
     """
     known = np.isfinite(uv_px).all(axis=1)
     if known.sum() < 4:

@@ -53,7 +53,7 @@ class OccupancyGrid:
         return self.cells != UNKNOWN
 
     def cell_centres(self, mask: Mask) -> Array:
-        """(N, 2) [m] in m: centres of the cells that the mask selects, row by row."""
+        """(N, 2) [m] in m: centres of the mask's cells, row by row."""
         col_row = np.argwhere(mask)[:, ::-1].astype(np.float64)
         return self.T_m_g @ (self.resolution_m * (col_row + 0.5))
 
@@ -72,7 +72,7 @@ class OccupancyGrid:
         return np.where(inside, values, np.uint8(UNKNOWN))
 
     def cropped(self, *, margin_cells: int = 2) -> OccupancyGrid:
-        """The part around what is known; a grid with nothing known keeps one cell."""
+        """The part around all known cells; a grid without any keeps one cell."""
         rows = np.flatnonzero(self.known().any(axis=1))
         cols = np.flatnonzero(self.known().any(axis=0))
         if rows.size == 0:
@@ -109,7 +109,7 @@ def grid_from_png(png: bytes, *, resolution_m: float, T_m_g: SE2) -> OccupancyGr
 def overlap(grid_0: OccupancyGrid, grid_1: OccupancyGrid, T_m0_m1: SE2) -> float:
     """|known_0 ∩ known_1| / |known_0 ∪ known_1|, in [0, 1], sampled at the cells of grid 0.
 
-    0 for two grids with nothing known.
+    0 if neither grid has known cells.
     """
     known_0 = grid_0.known()
     p_m1 = T_m0_m1.inverse() @ grid_0.cell_centres(known_0)

@@ -1,4 +1,4 @@
-"""How well the walls of two maps coincide."""
+"""Agreement of the walls of two maps."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class WallAgreement:
 
     Attributes:
         compared: occupied cells of either map that lie in the other's known area.
-        near: those of them that have an occupied cell of the other map within the tolerance.
+        near: those among them with an occupied cell of the other map within the tolerance.
     """
 
     compared: int
@@ -32,7 +32,7 @@ class WallAgreement:
 def wall_agreement(
     grid_0: OccupancyGrid, grid_1: OccupancyGrid, T_m0_m1: SE2, *, tolerance_m: float = 0.10
 ) -> WallAgreement:
-    """Compares the walls of two maps, each against the other, with grid 1 placed by `T_m0_m1`.
+    """Compare the walls of two maps, each with the other, with grid 1 placed by `T_m0_m1`.
 
     A cell stands for its centre; distances are between centres, not rounded to cells.
     """

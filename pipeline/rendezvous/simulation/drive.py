@@ -22,14 +22,14 @@ TICK_S = 1.0 / CONTROL_HZ
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OdometryNoise:
-    """What the encoders add to the slip that physics gives.
+    """Errors of the encoders, on top of the slip that physics gives.
 
     Attributes:
         scale_sigma: sigma of each wheel's constant scale error (wear, tyre, calibration).
         tick_rad: size of an encoder step (XL430: 4096 steps a turn).
         jitter_rad: sigma of each reading.
-        planar_slip: sigma of the relative slip of each wheel and tick under `planar` drive, where physics
-            has no wheels to slip.
+        planar_slip: sigma of the relative slip of each wheel and tick under `planar` drive, where there are
+            no wheels to slip.
     """
 
     scale_sigma: float = 0.002
@@ -50,7 +50,7 @@ _DIVERGED = (
     mujoco.mjtWarning.mjWARN_BADCTRL,
 )
 
-# Or MuJoCo writes a log file into the working directory; what it warns of is looked up in every step.
+# Otherwise MuJoCo would write a log file into the working directory; every step checks for warnings.
 mujoco.set_mju_user_warning(lambda message: None)
 
 
@@ -79,9 +79,9 @@ class Encoder:
 class Physics:
     """MuJoCo, stepped one controller period at a time.
 
-    MuJoCo looks at every geom in every step, also at the static ones, which in a furnished plan takes two
-    fifths of the time. So only the solids within a robot's reach are in its scene, in slots that are filled
-    anew as the robots move on; the motion is the same.
+    MuJoCo looks at every geom in every step, static ones included, which takes two fifths of the time in a
+    furnished plan. So its scene holds only the solids within a robot's reach, in slots that are refilled as
+    the robots move on; the motion is the same.
 
     Args:
         solids: walls and furniture.
@@ -90,7 +90,7 @@ class Physics:
         drive: how they move.
         planar_slip: relative slip per tick under `planar` drive, see `OdometryNoise`.
         rng: draws that slip.
-        all_solids: have all of them in the scene all the time.
+        all_solids: keep all solids in the scene all the time.
     """
 
     def __init__(
@@ -114,7 +114,7 @@ class Physics:
             slots=0 if self._nearby is None else len(robots) * self._nearby.most,
         )
         self._model = mujoco.MjModel.from_xml_string(mjcf)
-        # MuJoCo would put everything back to its start and go on.
+        # After divergence MuJoCo would reset everything and go on.
         self._model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
         self._slots = Slots(self._model, solids)
         self._data = mujoco.MjData(self._model)

@@ -1,4 +1,4 @@
-"""Which solids a robot can touch, and geoms in MuJoCo's scene that stand for just those."""
+"""The solids that a robot can touch, and geoms in MuJoCo's scene for just those."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Nearby:
 
     Args:
         solids: walls and furniture.
-        reach_m: a solid farther than this from every point of a cell is not near it.
+        reach_m: a solid is near a cell if it is within this distance of one of its points.
     """
 
     def __init__(self, solids: Sequence[Solid], *, reach_m: float) -> None:
@@ -56,11 +56,11 @@ def _cells_near(solid: Solid, reach_m: float) -> list[tuple[int, int]]:
 
 
 class Slots:
-    """The geoms `slot0`, `slot1`, ... of a model, to be filled with solids.
+    """The geoms `slot0`, `slot1`, ... of a model, which can take the place of solids.
 
     Args:
         model: from `scene_mjcf` with slots.
-        solids: what they can be filled with.
+        solids: all that can be put into them.
     """
 
     def __init__(self, model: Any, solids: Sequence[Solid]) -> None:
@@ -69,12 +69,12 @@ class Slots:
         names = [model.geom(geom).name for geom in range(model.ngeom)]
         self._geoms = [geom for geom, name in enumerate(names) if name.startswith("slot")]
         self._filled: tuple[int, ...] = _PARKED
-        # The tree of bounding boxes is built once, for the slots as they wait.
+        # The tree of bounding boxes is built once, around the parked slots.
         if self._geoms:
             model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_MIDPHASE
 
     def fill(self, indices: tuple[int, ...]) -> None:
-        """Have just these solids in the scene."""
+        """Put just these solids into the scene."""
         if indices == self._filled:
             return
         self._filled = indices
@@ -94,5 +94,5 @@ class Slots:
         model.geom_quat[geom] = (math.cos(0.5 * solid.yaw_rad), 0.0, 0.0, math.sin(0.5 * solid.yaw_rad))
         model.geom_aabb[geom] = (0.0, 0.0, 0.0, *half_m)
         model.geom_rbound[geom] = math.hypot(*half_m) if is_box else math.hypot(solid.half_x_m, half_z_m)
-        # The compiler notes where a geom's frame is its body's; that no longer holds.
+        # The compiler marks geoms whose frame is their body's; that no longer holds.
         model.geom_sameframe[geom] = mujoco.mjtSameFrame.mjSAMEFRAME_NONE

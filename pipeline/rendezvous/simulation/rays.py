@@ -7,7 +7,7 @@ only what they hold.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,8 +18,7 @@ from rendezvous.geometry.se2 import Array
 CELL_M = 0.25
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RayScene:
+class RayScene(NamedTuple):
     """Segments and circles, bucketed into cells.
 
     Attributes:
@@ -49,15 +48,7 @@ def ray_scene(segments_m: Array, circles_m: Array) -> RayScene:
     origin_m = lo.min(axis=0) - CELL_M
     cols, rows = (int(n) for n in np.ceil((hi.max(axis=0) + CELL_M - origin_m) / CELL_M))
     starts, items = _bucket(segments_m, circles_m, origin_m, rows, cols)
-    return RayScene(
-        segments_m=segments_m,
-        circles_m=circles_m,
-        origin_m=origin_m,
-        starts=starts,
-        items=items,
-        rows=rows,
-        cols=cols,
-    )
+    return RayScene(segments_m, circles_m, origin_m, starts, items, rows, cols)
 
 
 @njit
@@ -153,21 +144,9 @@ def _enter(gx: float, gy: float, dx: float, dy: float, cols: int, rows: int) -> 
 
 
 @njit
-def _cast_one(
-    ox: float,
-    oy: float,
-    dx: float,
-    dy: float,
-    max_range_m: float,
-    segments_m: Array,
-    circles_m: Array,
-    origin_m: Array,
-    starts: NDArray[np.int32],
-    items: NDArray[np.int32],
-    rows: int,
-    cols: int,
-) -> float:
+def _cast_one(ox: float, oy: float, dx: float, dy: float, max_range_m: float, scene: RayScene) -> float:
     """Distance to the first item along the ray, inf if it is beyond `max_range_m`."""
+    segments_m, circles_m, origin_m, starts, items, rows, cols = scene
     n_segments = segments_m.shape[0]
     gx, gy = (ox - origin_m[0]) / CELL_M, (oy - origin_m[1]) / CELL_M
     enter = 0.0
@@ -209,26 +188,13 @@ def _cast_one(
 
 @njit
 def _cast_sweep(
-    poses_w: Array,
-    bearings_rad: Array,
-    others_m: Array,
-    max_range_m: float,
-    segments_m: Array,
-    circles_m: Array,
-    origin_m: Array,
-    starts: NDArray[np.int32],
-    items: NDArray[np.int32],
-    rows: int,
-    cols: int,
+    poses_w: Array, bearings_rad: Array, others_m: Array, max_range_m: float, scene: RayScene
 ) -> Array:
     ranges_m = np.empty(bearings_rad.shape[0])
     for i in range(bearings_rad.shape[0]):
         heading = poses_w[i, 2] + bearings_rad[i]
         dx, dy = math.cos(heading), math.sin(heading)
-        best = _cast_one(
-            poses_w[i, 0], poses_w[i, 1], dx, dy, max_range_m,
-            segments_m, circles_m, origin_m, starts, items, rows, cols,
-        )  # fmt: skip
+        best = _cast_one(poses_w[i, 0], poses_w[i, 1], dx, dy, max_range_m, scene)
         if others_m.shape[0] > 0:
             t = _ray_circle(
                 poses_w[i, 0], poses_w[i, 1], dx, dy, others_m[i, 0], others_m[i, 1], others_m[i, 2]
@@ -245,22 +211,11 @@ def cast_rays(
     """Range to the first surface along each beam: (B,) float64 [m], inf for no hit.
 
     Args:
-        scene: what stands still.
+        scene: all that stands still.
         T_w_l: (B, 3) the lidar's x, y, yaw in w as each beam is shot.
         bearings_rad: (B,) directions in l.
         max_range_m: beyond it a beam has no hit.
         others_m: (B, 3) x, y, radius of a moving circle (another robot) as each beam is shot.
     """
-    return _cast_sweep(
-        T_w_l,
-        bearings_rad,
-        np.empty((0, 3)) if others_m is None else others_m,
-        max_range_m,
-        scene.segments_m,
-        scene.circles_m,
-        scene.origin_m,
-        scene.starts,
-        scene.items,
-        scene.rows,
-        scene.cols,
-    )
+    others_m = np.empty((0, 3)) if others_m is None else others_m
+    return _cast_sweep(T_w_l, bearings_rad, others_m, max_range_m, scene)

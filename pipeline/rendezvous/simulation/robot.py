@@ -2,18 +2,30 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
 
 import numpy as np
 
 from rendezvous.errors import ConfigError, require_within
 from rendezvous.geometry.camera import PinholeCamera, camera_pose
+from rendezvous.geometry.cuboid import Vec3
 from rendezvous.geometry.se2 import Array
 
 CONTROL_HZ = 20.0
 """Rate of the wheel controller and of the encoders."""
 
-Vec3 = tuple[float, float, float]
+_POSITIVE = (
+    "radius_m",
+    "mass_kg",
+    "width_m",
+    "track_m",
+    "size_m",
+    "rate_hz",
+    "max_speed_mps",
+    "max_turn_rate_radps",
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -65,7 +77,7 @@ class LidarSpec:
     """A spinning lidar on the robot's axis; its axes are those of r.
 
     Attributes:
-        cap_radius_m: of the lidar's own housing, which another robot's lidar sees.
+        cap_radius_m: radius of its housing, which another robot's lidar sees.
         no_echo_free_m: how far a beam clears the map if it and its neighbours have no echo.
     """
 
@@ -129,7 +141,7 @@ class Cuboid:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RobotSpec:
-    """Everything the pipeline knows of a robot; filled from `assets/robots/<name>/robot.yaml`."""
+    """All that the pipeline knows about a robot, as read from `assets/robots/<name>/robot.yaml`."""
 
     name: str
     size_m: Vec3
@@ -145,8 +157,8 @@ class RobotSpec:
     cuboid: Cuboid
 
     def __post_init__(self) -> None:
-        for name, value in self._lengths().items():
-            if not value > 0.0:
+        for name, value in _numbers(asdict(self)):
+            if name.endswith(_POSITIVE) and not value > 0.0:
                 raise ConfigError(f"robot {self.name}: {name} is {value}; must be positive")
         lidar, chassis = self.lidar, self.chassis
         if not chassis.bottom_z_m < chassis.top_z_m <= self.size_m[2]:
@@ -174,28 +186,8 @@ class RobotSpec:
                 f"robot {self.name}: two wheels of {self.wheels.mass_kg} kg are not part of {self.mass_kg} kg"
             )
 
-    def _lengths(self) -> dict[str, float]:
-        """What must be positive, by its key."""
-        values = {
-            "radius_m": self.radius_m,
-            "mass_kg": self.mass_kg,
-            "max_speed_mps": self.max_speed_mps,
-            "max_turn_rate_radps": self.max_turn_rate_radps,
-            "chassis.radius_m": self.chassis.radius_m,
-            "wheels.radius_m": self.wheels.radius_m,
-            "wheels.width_m": self.wheels.width_m,
-            "wheels.track_m": self.wheels.track_m,
-            "wheels.mass_kg": self.wheels.mass_kg,
-            "caster.radius_m": self.caster.radius_m,
-            "lidar.cap_radius_m": self.lidar.cap_radius_m,
-            "lidar.rate_hz": self.lidar.rate_hz,
-            "lidar.no_echo_free_m": self.lidar.no_echo_free_m,
-        }
-        sizes = {"size_m": self.size_m, "cuboid.size_m": self.cuboid.size_m}
-        return values | {f"{key}[{k}]": size[k] for key, size in sizes.items() for k in range(3)}
-
     def circle_at(self, height_m: float) -> tuple[float, float] | None:
-        """(x, radius) [m] of what a level scan at this height sees of the robot; None if it passes over."""
+        """x and radius [m] of the circle that a level scan at this height meets; None if it passes over."""
         if self.chassis.top_z_m < height_m <= self.size_m[2]:
             return self.lidar.x_m, self.lidar.cap_radius_m
         if self.chassis.bottom_z_m <= height_m <= self.chassis.top_z_m:
@@ -211,3 +203,12 @@ class RobotSpec:
         right = (speed_mps + half_track_m * turn_rate_radps) / self.wheels.radius_m
         scale = min(1.0, limit_radps / max(abs(left), abs(right), 1e-9))
         return left * scale, right * scale
+
+
+def _numbers(values: Mapping[str, Any], parent: str = "") -> Iterator[tuple[str, float]]:
+    """The keys of a robot file, such as `lidar.rate_hz`, with their numbers; a list has its key for each."""
+    for key, value in values.items():
+        if isinstance(value, Mapping):
+            yield from _numbers(value, f"{parent}{key}.")
+        elif not isinstance(value, str):
+            yield from ((f"{parent}{key}", number) for number in np.atleast_1d(value).tolist())

@@ -26,7 +26,7 @@ class Drive(StrEnum):
 
 
 SLOT_Z_M = -100.0
-"""Where slots wait, out of everybody's reach."""
+"""Height of unused slots, out of every robot's reach."""
 
 TIMESTEP_S = {Drive.WHEELS: 0.005, Drive.PLANAR: 0.010}
 
@@ -34,9 +34,9 @@ _RGBA = {"wall": "0.85 0.83 0.78 1"}
 _FURNITURE_RGBA = "0.55 0.42 0.30 1"
 _ROBOT_RGBA = ("0.10 0.35 0.75 1", "0.80 0.20 0.15 1")
 
-# Geoms collide when one's contype meets the other's conaffinity. Wheels and caster meet the floor only, the
-# shell everything else, and it has fenders for the wheels. Bodies are told apart first: with the walls in a
-# body of their own, only a shell ever searches them.
+# Two geoms collide if one's contype shares a bit with the other's conaffinity. Wheels and caster touch only
+# the floor, the shell (with fenders for the wheels) everything else. MuJoCo compares bodies before geoms:
+# with the walls in one body, only shells are checked against them.
 _SCENE_MASK = 'contype="1" conaffinity="2"'
 _FLOOR_MASK = 'contype="4" conaffinity="4"'
 _BODY_MASK = 'contype="2" conaffinity="3"'
@@ -58,7 +58,7 @@ def scene_mjcf(
         robots: one spec per robot; bodies are named `r0`, `r1`, ...
         starts: pose of each robot in w.
         drive: how the robots move.
-        slots: geoms `slot0`, `slot1`, ... far below the floor, for solids to be filled in later.
+        slots: number of geoms `slot0`, `slot1`, ... far below the floor, to be filled with solids later.
     """
     geoms = "\n".join(
         [_solid_geom(solid) for solid in solids]
@@ -148,7 +148,7 @@ def _cylinder_inertia(mass_kg: float, radius_m: float, height_m: float) -> str:
 
 
 def _shell(name: str, spec: RobotSpec, rgba: str) -> str:
-    """What bumps into things, as a body of its own: the chassis, and fenders for the wheels."""
+    """The parts that bump into things, as a body of their own: the chassis, and fenders for the wheels."""
     chassis, wheels = spec.chassis, spec.wheels
     half_m = 0.5 * (chassis.top_z_m - chassis.bottom_z_m)
     fenders = "".join(
@@ -168,7 +168,7 @@ def _shell(name: str, spec: RobotSpec, rgba: str) -> str:
 def _wheels(name: str, spec: RobotSpec) -> str:
     """Ellipsoid wheels and a ball caster without friction.
 
-    Cylinder wheels roll on an edge and slip more. A contact takes the richer friction of its two geoms, so
+    Cylinder wheels roll on an edge and slip more. A contact takes the higher friction of its two geoms, so
     the caster needs priority to slide. (With pyramidal friction cones a robot that drives straight, but not
     along an axis of the world, drifts by 2 degrees over 2 m.)
     """

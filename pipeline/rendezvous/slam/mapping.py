@@ -16,13 +16,13 @@ from rendezvous.geometry.se2 import SE2, Array
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MappingParameters:
-    """Settings of the occupancy grid.
+    """How the occupancy grid is updated and read.
 
     Attributes:
         resolution_m: side of a cell.
-        hit, miss: log-odds that one beam adds to the cell it ends in and to those it crosses.
-        limit: log-odds stay within plus and minus this, so that a robot that drove away is forgotten.
-        occupied, free: log-odds above and below which a cell is called so.
+        hit, miss: log-odds that a beam adds to the cell it ends in and to those it crosses.
+        limit: log-odds stay within ± this, so that a robot that drove away is forgotten.
+        occupied, free: a cell is occupied above the first and free below the second log-odds.
         no_echo_run: how many neighbouring beams without echo clear the map (open space; a single one is a
             lost echo).
     """
@@ -54,7 +54,7 @@ def _trace(
     miss: float,
     limit: float,
 ) -> None:
-    """Add a miss to the cells from (x0, y0) to (x1, y1) [cells], each once per scan, hits excepted."""
+    """Add a miss to the cells from (x0, y0) to (x1, y1) [cells], once per scan and never to a hit cell."""
     col, row = math.floor(x0), math.floor(y0)
     dx, dy = x1 - x0, y1 - y0
     step_c = 1 if dx > 0.0 else -1
@@ -123,7 +123,7 @@ class OccupancyMapper:
 
     Args:
         extent_m: side of the square it can hold; what lies outside is not mapped.
-        parameters: settings.
+        parameters: how it is updated and read.
     """
 
     def __init__(self, *, extent_m: float, parameters: MappingParameters) -> None:
@@ -168,14 +168,14 @@ class OccupancyMapper:
         return self._log_odds[r0:r1, c0:c1], corner
 
     def known_area_m2(self) -> float:
-        """Area of the cells called occupied or free."""
+        """Area of the occupied and free cells."""
         log_odds, _ = self.window()
         p = self.parameters
         known = np.count_nonzero((log_odds > p.occupied) | (log_odds < p.free))
         return float(known) * p.resolution_m**2
 
     def grid(self) -> OccupancyGrid:
-        """The map as others see it: trinary, cropped to what is known."""
+        """The trinary map, cropped to its known part."""
         log_odds, T_m_g = self.window()
         cells = np.full(log_odds.shape, UNKNOWN, np.uint8)
         cells[log_odds > self.parameters.occupied] = OCCUPIED

@@ -11,20 +11,20 @@ from numpy.typing import NDArray
 from rendezvous.compiled import njit
 from rendezvous.errors import require_within
 from rendezvous.geometry.se2 import Array
-from rendezvous.slam.surface_map import NX, NY, WEIGHT, SurfaceMap, X, Y, nearest
+from rendezvous.slam.surface_map import NX, NY, WEIGHT, Surface, SurfaceMap, X, Y, nearest
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MatchParameters:
-    """Settings of the matcher.
+    """How scans are matched.
 
     Attributes:
         cell_m: side of the cells that hold surface elements.
-        beam_step: every how many beams are matched.
-        normal_radius_m: points this near to each other on a scan give its normal.
-        gate_m: a point farther than this from a surface is not matched with it.
+        beam_step: only every n-th beam is matched.
+        normal_radius_m: a point's normal is fitted to the neighbours within this distance.
+        gate_m: a point is matched only with a surface within this distance.
         same_side: least cosine between the normals of a point and its surface.
-        max_weight: scans after which an element is no longer moved, so that the map cannot creep.
+        max_weight: scans after which an element stops moving, so that the map cannot creep.
         iterations: most Gauss-Newton steps.
         prior_*: sigma of the odometry between two scans: constant, and per metre or radian travelled.
     """
@@ -49,19 +49,19 @@ class MatchParameters:
         )  # fmt: skip
 
 
-# Points look for their surface in the first steps only; by then the scan has nearly settled.
+# Points are matched with surfaces in the first steps only; by then the scan has nearly settled.
 _ASSOCIATIONS = 3
 
 
 @njit
 def scan_normals(points_m: Array, origins_m: Array, valid: NDArray[np.bool_], radius_m: float) -> Array:
-    """(B, 2) unit normals towards the sensor; zero where the surface is not a line.
+    """(B, 2) unit normals towards the sensor; zero where the points do not form a line.
 
     Args:
         points_m: (B, 2) in beam order, closing the circle.
         origins_m: (B, 2) the sensor as each beam was shot.
         valid: (B,) which beams have a point.
-        radius_m: neighbours farther than this do not count.
+        radius_m: only neighbours within this distance count.
     """
     n = points_m.shape[0]
     normals = np.zeros((n, 2))
@@ -101,7 +101,7 @@ def scan_normals(points_m: Array, origins_m: Array, valid: NDArray[np.bool_], ra
 
 
 def match_scan(
-    surface: SurfaceMap,
+    seen: SurfaceMap,
     points_m: Array,
     normals: Array,
     sigma_m: Array,
@@ -113,7 +113,7 @@ def match_scan(
     """Register a scan: Gauss-Newton on Cauchy-weighted point-to-line distances plus the prior.
 
     Args:
-        surface: what was seen before.
+        seen: the surfaces of earlier scans.
         points_m, normals, sigma_m: as for `SurfaceMap.insert`.
         prior: (3,) pose that odometry predicts.
         travelled: (3,) motion since the last scan in the robot frame; it sets the prior's sigma.
@@ -128,8 +128,7 @@ def match_scan(
     step = p.beam_step
     return _match(
         points_m[::step], normals[::step], sigma_m[::step], prior, sigma_xy_m**-2, sigma_yaw**-2,
-        surface.index, surface.after, surface.elements, surface.cell_m, p.gate_m, surface.same_side,
-        p.iterations,
+        seen.surface, p.gate_m, p.iterations,
     )  # fmt: skip
 
 
@@ -141,12 +140,8 @@ def _match(
     prior: Array,
     info_xy: float,
     info_yaw: float,
-    index: NDArray[np.int32],
-    after: NDArray[np.int32],
-    elements: Array,
-    cell_m: float,
+    surface: Surface,
     gate_m: float,
-    same_side: float,
     iterations: int,
 ) -> tuple[Array, int]:
     pose = prior.copy()
@@ -154,9 +149,9 @@ def _match(
     H, g = np.zeros((3, 3)), np.zeros(3)
     for iteration in range(iterations):
         if iteration < _ASSOCIATIONS:
-            _associate(points_m, normals, pose, index, after, elements, cell_m, gate_m, same_side, matched)
+            _associate(points_m, normals, pose, surface, gate_m, matched)
         _prior_terms(pose, prior, info_xy, info_yaw, H, g)
-        _add_point_terms(points_m, sigma_m, matched, elements, pose, H, g)
+        _add_point_terms(points_m, sigma_m, matched, surface.elements, pose, H, g)
         delta = np.linalg.solve(H, g)
         pose -= delta
         if abs(delta[0]) + abs(delta[1]) < 5e-4 and abs(delta[2]) < 2e-4:
@@ -169,12 +164,8 @@ def _associate(
     points_m: Array,
     normals: Array,
     pose: Array,
-    index: NDArray[np.int32],
-    after: NDArray[np.int32],
-    elements: Array,
-    cell_m: float,
+    surface: Surface,
     gate_m: float,
-    same_side: float,
     matched: NDArray[np.int32],
 ) -> None:
     """Write each point's element into `matched`, -1 for none."""
@@ -187,14 +178,14 @@ def _associate(
         y = pose[1] + (s * points_m[i, 0] + c * points_m[i, 1])
         nx = c * normals[i, 0] - s * normals[i, 1]
         ny = s * normals[i, 0] + c * normals[i, 1]
-        matched[i] = nearest(x, y, nx, ny, index, after, elements, cell_m, gate_m, same_side)
+        matched[i] = nearest(x, y, nx, ny, surface, gate_m)
 
 
 @njit
 def _prior_terms(pose: Array, prior: Array, info_xy: float, info_yaw: float, H: Array, g: Array) -> None:
-    """Begin the normal equations with the prior.
+    """Start the normal equations with the prior.
 
-    Cauchy-weighted as well: wheels that spin against an obstacle must not outvote the walls.
+    It is Cauchy-weighted too: wheels that spin against an obstacle must not outvote the walls.
     """
     ex, ey, ea = pose[0] - prior[0], pose[1] - prior[1], pose[2] - prior[2]
     off = info_xy * (ex * ex + ey * ey) + info_yaw * ea * ea
@@ -226,7 +217,7 @@ def _add_point_terms(
         ry = s * points_m[i, 0] + c * points_m[i, 1]
         mx, my = e[NX], e[NY]
         r = mx * (pose[0] + rx - e[X]) + my * (pose[1] + ry - e[Y])
-        # Of the point, of the element's mean, and 5 mm for what an element does not follow.
+        # Variance of the point, of the element's mean, and of the surface about its element (5 mm).
         var = sigma_m[i] ** 2 + 1e-4 / e[WEIGHT] + 2.5e-5
         w = 1.0 / (var + r * r / 4.0)
         turn = -mx * ry + my * rx

@@ -1,4 +1,4 @@
-"""SLAM of one robot from what it measures: wheel encoders and lidar sweeps. No ground truth comes in."""
+"""SLAM of one robot from wheel encoders and lidar sweeps alone; no ground truth comes in."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _LEAST_SIGMA_M = 1e-3  # a surface seen by an ideal lidar still has a weight
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SlamParameters:
-    """Settings of the SLAM.
+    """Parameters of the SLAM.
 
     Attributes:
         extent_m: side of the square map.
@@ -116,7 +116,7 @@ class Slam:
         lidar_x_m: the lidar's place on the robot's axis.
         lidar_sigma: sigma of its ranges by the data sheet: hypot(first [m], second * range).
         no_echo_m: how far a beam without echo clears the map.
-        parameters: settings.
+        parameters: of map, matcher and keyframes.
     """
 
     def __init__(
@@ -147,7 +147,7 @@ class Slam:
         """(N, 2) surface points of the last sweep in the robot frame."""
 
     def update(self, sweep: Sweep) -> None:
-        """Take in one sweep."""
+        """Process one sweep."""
         p = self.parameters
         points_m, origins_m = deskew(
             sweep.ranges_m, self._bearings_rad, sweep.odometry, self._lidar_x_m, self._no_echo_m
@@ -177,7 +177,7 @@ class Slam:
         self.points_m = points_m[hits]
 
     def has_started(self) -> bool:
-        """Whether a sweep has come in."""
+        """Whether there has been a sweep."""
         return self._pose is not None
 
     def pose(self) -> Array:

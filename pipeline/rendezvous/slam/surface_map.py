@@ -1,13 +1,14 @@
 """A map of surface elements for scan matching.
 
-Per cell it keeps the mean and normal of the surface points seen there, apart for the two faces of a wall: a
-point belongs only to a surface seen from its own side, or a 0.1 m wall would let a scan lock on to its far
-face. Averaging over many scans makes the surface finer than the lidar's noise.
+Each cell keeps the mean and normal of the surface points seen in it, separately for the two faces of a wall:
+a point belongs only to a surface seen from its own side, or else a scan could lock on to the far face of a
+0.1 m wall. Averaging over many scans makes the surface finer than the lidar's noise.
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,30 +20,44 @@ from rendezvous.geometry.se2 import Array
 X, Y, NX, NY, WEIGHT, LENGTH = range(6)
 
 
+class Surface(NamedTuple):
+    """Surface elements in linked lists, one per cell.
+
+    Attributes:
+        first: (N, N) int32 first element of each cell, -1 for none; the map's origin is in the middle.
+        after: (M,) int32 next element of the same cell, -1 for none.
+        elements: (M, 6), see the columns above.
+        cell_m: side of the cells.
+        same_side: least cosine between the normals of a point and its element.
+    """
+
+    first: NDArray[np.int32]
+    after: NDArray[np.int32]
+    elements: Array
+    cell_m: float
+    same_side: float
+
+
 class SurfaceMap:
-    """Surface elements, in linked lists by cell; the map's origin is in the middle.
+    """A surface that grows scan by scan.
 
     Args:
         extent_m: side of the square that the map can hold.
-        cell_m: side of the cells.
-        same_side: least cosine between the normals of a point and its element.
-        max_weight: weight from which on an element is no longer moved, so that the map cannot creep; one
-            point at a sigma of 1 cm weighs 1.
-
-    Attributes:
-        index: (N, N) int32 first element of each cell, -1 for none.
-        after: (M,) int32 next element of the same cell, -1 for none.
-        elements: (M, 6), see the columns above.
+        cell_m, same_side: see `Surface`.
+        max_weight: weight at which an element stops moving, so that the map cannot creep; one point at a
+            sigma of 1 cm weighs 1.
     """
 
     def __init__(self, *, extent_m: float, cell_m: float, same_side: float, max_weight: float) -> None:
         cells = 2 * math.ceil(0.5 * extent_m / cell_m)
-        self.cell_m = cell_m
-        self.same_side = same_side
+        self.surface = Surface(
+            first=np.full((cells, cells), -1, np.int32),
+            after=np.full(4096, -1, np.int32),
+            elements=np.zeros((4096, 6)),
+            cell_m=cell_m,
+            same_side=same_side,
+        )
         self._max_weight = max_weight
-        self.index = np.full((cells, cells), -1, np.int32)
-        self.after = np.full(4096, -1, np.int32)
-        self.elements = np.zeros((4096, 6))
         self._count = 0
 
     def insert(self, points_m: Array, normals: Array, sigma_m: Array, pose: Array) -> None:
@@ -54,13 +69,13 @@ class SurfaceMap:
             sigma_m: (B,) standard deviation of each point.
             pose: (3,) of the robot in the map.
         """
-        if self._count + len(points_m) > len(self.elements):
-            self.elements = np.concatenate([self.elements, np.zeros_like(self.elements)])
-            self.after = np.concatenate([self.after, np.full_like(self.after, -1)])
-        self._count = _insert(
-            points_m, normals, sigma_m, pose, self.index, self.after, self.elements, self._count,
-            self.cell_m, self.same_side, self._max_weight,
-        )  # fmt: skip
+        surface = self.surface
+        if self._count + len(points_m) > len(surface.elements):
+            self.surface = surface._replace(
+                elements=np.concatenate([surface.elements, np.zeros_like(surface.elements)]),
+                after=np.concatenate([surface.after, np.full_like(surface.after, -1)]),
+            )
+        self._count = _insert(points_m, normals, sigma_m, pose, self.surface, self._count, self._max_weight)
 
 
 @njit
@@ -69,17 +84,14 @@ def _insert(
     normals: Array,
     sigma_m: Array,
     pose: Array,
-    index: NDArray[np.int32],
-    after: NDArray[np.int32],
-    elements: Array,
+    surface: Surface,
     count: int,
-    cell_m: float,
-    same_side: float,
     max_weight: float,
 ) -> int:
-    """Average the scan's points into their cells' elements; the number of elements after it."""
+    """Average the scan's points into their cells' elements; the new number of elements."""
+    first, after, elements, cell_m, same_side = surface
     c, s = math.cos(pose[2]), math.sin(pose[2])
-    half = index.shape[0] // 2
+    half = first.shape[0] // 2
     for i in range(points_m.shape[0]):
         if normals[i, 0] == 0.0 and normals[i, 1] == 0.0:
             continue
@@ -88,9 +100,9 @@ def _insert(
         nx = c * normals[i, 0] - s * normals[i, 1]
         ny = s * normals[i, 0] + c * normals[i, 1]
         row, col = math.floor(y / cell_m) + half, math.floor(x / cell_m) + half
-        if not (0 <= row < index.shape[0] and 0 <= col < index.shape[1]):
+        if not (0 <= row < first.shape[0] and 0 <= col < first.shape[1]):
             continue
-        k = index[row, col]
+        k = first[row, col]
         while k >= 0:
             e = elements[k]
             if e[NX] * nx + e[NY] * ny > same_side:
@@ -99,8 +111,8 @@ def _insert(
         if k < 0:
             k = count
             count += 1
-            after[k] = index[row, col]
-            index[row, col] = k
+            after[k] = first[row, col]
+            first[row, col] = k
         e = elements[k]
         # A weight of 1 is one point at a sigma of 1 cm.
         w = (0.01 / sigma_m[i]) ** 2
@@ -117,25 +129,15 @@ def _insert(
 
 
 @njit(inline="always")
-def nearest(
-    x: float,
-    y: float,
-    nx: float,
-    ny: float,
-    index: NDArray[np.int32],
-    after: NDArray[np.int32],
-    elements: Array,
-    cell_m: float,
-    gate_m: float,
-    same_side: float,
-) -> int:
+def nearest(x: float, y: float, nx: float, ny: float, surface: Surface, gate_m: float) -> int:
     """The nearest element seen from the same side, -1 for none within the gate."""
-    half = index.shape[0] // 2
+    first, after, elements, cell_m, same_side = surface
+    half = first.shape[0] // 2
     row, col = math.floor(y / cell_m) + half, math.floor(x / cell_m) + half
     best, best_d2 = -1, gate_m * gate_m
-    for r in range(max(row - 1, 0), min(row + 2, index.shape[0])):
-        for q in range(max(col - 1, 0), min(col + 2, index.shape[1])):
-            k = index[r, q]
+    for r in range(max(row - 1, 0), min(row + 2, first.shape[0])):
+        for q in range(max(col - 1, 0), min(col + 2, first.shape[1])):
+            k = first[r, q]
             while k >= 0:
                 e = elements[k]
                 dx, dy = e[X] - x, e[Y] - y

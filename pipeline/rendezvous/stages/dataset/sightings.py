@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from rendezvous.evaluation.metrics import ghost_cells, pose_error
-from rendezvous.exploration.records import Episode, Event, Snapshot
+from rendezvous.exploration.records import Episode, Rendezvous, Snapshot
 from rendezvous.exploration.rendezvous import Sighting
 from rendezvous.floorplan.records import Floorplan
 from rendezvous.geometry.occupancy_grid import overlap
@@ -64,7 +64,7 @@ def sighting_rows(scene: Scene, episode: Episode, *, episode_id: str, seed: int)
             }
 
 
-def _ghosts(scene: Scene, event: Event) -> list[int]:
+def _ghosts(scene: Scene, event: Rendezvous) -> list[int]:
     """How many cells of each robot's map the other one left."""
     counts = []
     for own, other in ((0, 1), (1, 0)):
@@ -95,7 +95,7 @@ def _seen(sighting: Sighting, robot: RobotSpec) -> dict[str, Any]:
     }
 
 
-def _pair(scene: Scene, event: Event, observer: int, ghosts: Sequence[int]) -> dict[str, Any]:
+def _pair(scene: Scene, event: Rendezvous, observer: int, ghosts: Sequence[int]) -> dict[str, Any]:
     """The two robots' maps and poses; robot 0 is the observer."""
     order = (observer, 1 - observer)
     first, second = (event.snapshots[i] for i in order)
