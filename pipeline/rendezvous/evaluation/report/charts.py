@@ -26,7 +26,7 @@ with needs_extra("learn", "the report"):
 _WIDTH_IN = 10.0
 INK, MUTED, LINE = "#26282e", "#767a82", "#e5e7eb"
 """Text and medians, ticks and reference lines, the grid: the page gives each its colour in light and dark."""
-_VARIABLES = {INK: "var(--ink)", MUTED: "var(--muted)", LINE: "var(--line)"}
+_VARIABLES = {INK: "var(--ink)", MUTED: "var(--muted)", LINE: "var(--line)", "#1c5cbe": "var(--blue)"}
 _STYLE: dict[Any, Any] = {
     "font.family": "DejaVu Sans",
     "font.size": 9.5,

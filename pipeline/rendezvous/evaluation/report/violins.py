@@ -108,10 +108,11 @@ def _draw(panel: Axes, grouped: Sequence[Array], limits: tuple[float, float]) ->
     shown = [values[(values >= limits[0]) & (values <= limits[1])] for values in grouped]
     dense = {row: values for row, values in enumerate(shown) if len(values) >= _LEAST_VIOLIN}
     if dense:
-        # Violins end with their values, those of distances at zero.
+        # Violins end with their values, those of distances at zero. Seaborn scales widths by the least gap.
+        gap = np.diff(list(dense)).min(initial=len(grouped)) if len(dense) > 1 else 1
         sns.violinplot(
-            dense, ax=panel, orient="y", native_scale=True, color=rgb(BLUE), alpha=0.3, linewidth=0,
-            inner=None, cut=0, density_norm="width", width=0.72, gridsize=201,
+            dense, ax=panel, orient="y", native_scale=True, color=rgb(BLUE), saturation=1, alpha=0.3,
+            linewidth=0, inner=None, cut=0, density_norm="width", width=0.72 / gap, gridsize=201,
             bw_method=lambda kde: _bandwidth(kde.dataset[0], limits),
         )  # fmt: skip
     for row, (values, inside) in enumerate(zip(grouped, shown, strict=True)):
