@@ -1,6 +1,7 @@
 """Free scenes: any pose in range of the camera, things apart from the robot, all of it recorded."""
 
 import json
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -52,28 +53,35 @@ def test_most_robots_stand_up_in_the_image_and_some_lie_in_any_way():
     assert (up_w < 0.0).mean() > 0.05
 
 
-@pytest.mark.parametrize("seed", range(20))
-def test_things_are_apart_from_the_robot_and_the_camera(seed):
-    record = _drawn(seed).record
-    centre_w = (np.array(record["T_w_r1"]) @ np.array([*BURGER.cuboid.centre_m, 1.0]))[:3]
-    for placed in record["things"]:
-        T_w_t, height_m = np.array(placed["T_w_t"]), placed["thing"]["height_m"]
-        middle_w = T_w_t[:3, 3] + 0.5 * height_m * T_w_t[:3, 2]
-        reach_m = np.hypot(placed["thing"]["radius_m"], 0.5 * height_m)
-        robot_m = 0.5 * np.linalg.norm(BURGER.cuboid.size_m)
-        assert np.linalg.norm(middle_w - centre_w) >= reach_m + robot_m - 1e-9
-        assert np.linalg.norm(middle_w - T_W_C[:3, 3]) > reach_m
+def test_things_are_apart_from_the_robot_and_the_camera():
+    seen = 0
+    for record in (_drawn(seed).record for seed in range(10)):
+        centre_w = (np.array(record["T_w_r1"]) @ np.array([*BURGER.cuboid.centre_m, 1.0]))[:3]
+        for placed in record["things"]:
+            seen += 1
+            T_w_t, height_m = np.array(placed["T_w_t"]), placed["thing"]["height_m"]
+            middle_w = T_w_t[:3, 3] + 0.5 * height_m * T_w_t[:3, 2]
+            reach_m = np.hypot(placed["thing"]["radius_m"], 0.5 * height_m)
+            robot_m = 0.5 * np.linalg.norm(BURGER.cuboid.size_m)
+            assert np.linalg.norm(middle_w - centre_w) >= reach_m + robot_m - 1e-9
+            assert np.linalg.norm(middle_w - T_W_C[:3, 3]) > reach_m
+    assert seen >= 15
 
 
-@pytest.mark.parametrize("seed", range(20))
-def test_a_ground_lies_under_the_wheels(seed):
-    scene = _drawn(seed).scene
-    ground = [x for x in scene.instances if x.name == "ground"]
-    robot = [x for x in scene.instances if x.name.startswith(f"{ROBOT}/")]
-    for quad in ground:
-        for part in robot:
-            assert quad.T_w[:3, 2] == pytest.approx(part.T_w[:3, 2])
-            assert quad.T_w[:3, 3] == pytest.approx(part.T_w[:3, 3])
+def test_half_of_the_robots_have_a_ground_under_their_wheels():
+    scenes = [_drawn(seed).scene for seed in range(20)]
+    grounds = [
+        (quad, part)
+        for scene in scenes
+        for quad in scene.instances
+        for part in scene.instances
+        if quad.name == "ground" and part.name.startswith(f"{ROBOT}/")
+    ]
+    assert 5 <= len(grounds) <= 15
+    for quad, part in grounds:
+        assert quad.T_w[:3, 2] == pytest.approx(part.T_w[:3, 2])
+        assert quad.T_w[:3, 3] == pytest.approx(part.T_w[:3, 3])
+        assert 1.0 <= np.linalg.norm(quad.T_w[:3, 0]) <= 6.0
 
 
 def test_equal_rngs_give_equal_scenes_and_the_record_is_json():
@@ -84,8 +92,11 @@ def test_equal_rngs_give_equal_scenes_and_the_record_is_json():
 
 
 def test_a_robot_that_is_absent_is_not_in_the_scene():
-    absent = [_drawn(seed) for seed in range(60) if _drawn(seed).record["absent"]]
-    assert absent
+    always = replace(DRAWS, absent_share=1.0)
+    absent = [draw_free(np.random.default_rng(i), LOOKS, CAMERA, POOL, always, variants=1) for i in range(3)]
     for drawn in absent:
+        assert drawn.record["absent"]
+        assert drawn.T_w_r1 is None
+        assert drawn.T_c_o(BURGER.cuboid) is None
         assert drawn.scene.robot is None
         assert not [x for x in drawn.scene.instances if x.name.startswith(f"{ROBOT}/")]

@@ -63,60 +63,63 @@ def _ground_points(instance):
     return p @ instance.T_w[:3, :3].T + instance.T_w[:3, 3]
 
 
-SEEDS = range(24)
+SEEDS = range(12)
 
 
-@pytest.mark.parametrize("seed", SEEDS)
-def test_the_robot_stands_on_free_floor(seed):
-    for part in _robot(_drawn(seed).scene):
-        assert part.T_w[2] == pytest.approx([0.0, 0.0, 1.0, 0.0])
-        standing = shapely.Point(part.T_w[:2, 3]).buffer(BURGER.radius_m - 0.002)
-        assert _place(seed % 2).floor.covers(standing)
+def test_the_robot_stands_on_free_floor_in_range_and_at_least_at_the_images_edge():
+    seen = 0
+    for seed in SEEDS:
+        scene = _drawn(seed).scene
+        for part in _robot(scene):
+            seen += 1
+            assert part.T_w[2] == pytest.approx([0.0, 0.0, 1.0, 0.0])
+            standing = shapely.Point(part.T_w[:2, 3]).buffer(BURGER.radius_m - 0.002)
+            assert _place(seed % 2).floor.covers(standing)
+            p_c = np.linalg.inv(scene.T_w_c) @ part.T_w @ np.array([*BURGER.cuboid.centre_m, 1.0])
+            assert DRAWS.min_range_m - 0.03 <= np.linalg.norm(p_c[:3]) <= DRAWS.max_range_m + 0.03
+            u_px = scene.camera.project(p_c[None, :3])[0, 0]
+            # Beyond the edge by at most half the robot's width, and what a tilt of the camera adds.
+            margin_px = 0.5 * BURGER.size_m[1] * scene.camera.fx_px / p_c[2] + 25.0
+            assert -margin_px < u_px < scene.camera.width_px + margin_px
+    assert seen >= 10
 
 
-@pytest.mark.parametrize("seed", SEEDS)
-def test_the_camera_is_where_a_standing_robot_has_it(seed):
-    T_w_c = _drawn(seed).scene.T_w_c
-    assert T_w_c[2, 3] == pytest.approx(BURGER.camera.xyz_m[2], abs=0.02)
-    assert abs(T_w_c[2, 2]) < np.radians(4.0)
-    assert _place(seed % 2).floor.covers(shapely.Point(T_w_c[:2, 3]))
+def test_the_camera_is_where_a_standing_robot_has_it():
+    poses = np.array([_drawn(seed).scene.T_w_c for seed in SEEDS])
+    assert poses[:, 2, 3] == pytest.approx(BURGER.camera.xyz_m[2], abs=0.02)
+    assert np.abs(poses[:, 2, 2]).max() < np.radians(4.0)
+    assert all(_place(i % 2).floor.covers(shapely.Point(T[:2, 3])) for i, T in enumerate(poses))
+    # Neither height nor tilt is the same twice.
+    assert len(set(poses[:, 2, 3])) == len(set(poses[:, 2, 2])) == len(poses)
 
 
-@pytest.mark.parametrize("seed", SEEDS)
-def test_the_robot_is_in_range_and_at_least_at_the_images_edge(seed):
-    scene = _drawn(seed).scene
-    for part in _robot(scene):
-        centre_w = part.T_w @ np.array([*BURGER.cuboid.centre_m, 1.0])
-        p_c = np.linalg.inv(scene.T_w_c) @ centre_w
-        assert DRAWS.min_range_m - 0.03 <= np.linalg.norm(p_c[:3]) <= DRAWS.max_range_m + 0.03
-        u_px = scene.camera.project(p_c[None, :3])[0, 0]
-        # Beyond the edge by no more than half of the robot's width, and what a tilt of the camera adds.
-        margin_px = 0.5 * BURGER.size_m[1] * scene.camera.fx_px / p_c[2] + 25.0
-        assert -margin_px < u_px < scene.camera.width_px + margin_px
+def test_small_things_stand_on_free_floor_and_touch_no_robot():
+    seen = 0
+    for seed in SEEDS:
+        scene, place = _drawn(seed).scene, _place(seed % 2)
+        stand = [part.T_w[:2, 3] for part in _robot(scene)]
+        for i in {x.name.split("-")[1] for x in scene.instances if x.name.startswith("thing-")}:
+            seen += bool(stand)
+            parts = [x for x in scene.instances if x.name.startswith(f"thing-{i}-")]
+            p_w = np.concatenate([_ground_points(part) for part in parts])
+            hull = shapely.MultiPoint(p_w[:, :2]).convex_hull
+            assert p_w[:, 2].min() == pytest.approx(0.0, abs=2e-3)
+            assert place.floor.buffer(0.005).covers(hull)
+            assert all(hull.distance(shapely.Point(xy_m)) > BURGER.radius_m for xy_m in stand)
+    assert seen >= 15
 
 
-@pytest.mark.parametrize("seed", SEEDS)
-def test_small_things_stand_on_free_floor_and_touch_no_robot(seed):
-    scene, place = _drawn(seed).scene, _place(seed % 2)
-    stand = [part.T_w[:2, 3] for part in _robot(scene)]
-    for i in {x.name.split("-")[1] for x in scene.instances if x.name.startswith("thing-")}:
-        parts = [x for x in scene.instances if x.name.startswith(f"thing-{i}-")]
-        p_w = np.concatenate([_ground_points(part) for part in parts])
-        hull = shapely.MultiPoint(p_w[:, :2]).convex_hull
-        assert p_w[:, 2].min() == pytest.approx(0.0, abs=2e-3)
-        assert place.floor.buffer(0.005).covers(hull)
-        assert all(hull.distance(shapely.Point(xy_m)) > BURGER.radius_m for xy_m in stand)
-
-
-@pytest.mark.parametrize("seed", range(4))
-def test_leaves_grow_out_of_their_pots(seed):
-    scene = _drawn(seed).scene
-    of_plant = [x for x in scene.instances if x.name.split("/")[0].endswith("-plant") and x.name[0].isdigit()]
-    leaves = [x for x in of_plant if x.mesh == "thing/leaves"]
-    assert len(leaves) * 2 == len(of_plant)
-    for leaf in leaves:
-        pot = next(x for x in of_plant if x.name[:3] == leaf.name[:3] and x is not leaf)
-        assert _ground_points(leaf)[:, 2].min() == pytest.approx(_ground_points(pot)[:, 2].max(), abs=1e-6)
+def test_leaves_grow_out_of_their_pots():
+    plants = 0
+    for seed in range(2):
+        solids = {x.name: x for x in _drawn(seed).scene.instances if x.name.split("/")[0].endswith("-plant")}
+        for leaf in (x for x in solids.values() if x.mesh == "thing/leaves" and x.name[0].isdigit()):
+            (pot,) = (x for name, x in solids.items() if name[:3] == leaf.name[:3] and x is not leaf)
+            plants += 1
+            assert _ground_points(leaf)[:, 2].min() == pytest.approx(
+                _ground_points(pot)[:, 2].max(), abs=1e-6
+            )
+    assert plants >= 2
 
 
 def test_equal_rngs_give_equal_scenes_and_others_do_not():
@@ -132,13 +135,13 @@ def test_equal_rngs_give_equal_scenes_and_others_do_not():
     assert json.dumps(first.record) != json.dumps(_drawn(4).record)
 
 
-@pytest.mark.parametrize("seed", SEEDS)
-def test_every_key_is_in_the_pools_and_lights_are_within_limits(seed):
-    scene = _drawn(seed).scene
-    assert {x.mesh for x in scene.instances} <= {*MESHES, *LOOKS.parts}
-    assert {x.material.texture for x in scene.instances} - {None} <= TEXTURES
-    assert 1 <= len(scene.lights) <= 4
-    assert sum(light.casts_shadow for light in scene.lights) <= 1
+def test_every_key_is_in_the_pools_and_lights_are_within_limits():
+    scenes = [_drawn(seed).scene for seed in SEEDS]
+    instances = [x for scene in scenes for x in scene.instances]
+    assert {x.mesh for x in instances} <= {*MESHES, *LOOKS.parts}
+    assert {x.material.texture for x in instances} - {None} <= TEXTURES
+    assert all(1 <= len(scene.lights) <= 4 for scene in scenes)
+    assert all(sum(light.casts_shadow for light in scene.lights) <= 1 for scene in scenes)
 
 
 def test_the_record_holds_what_the_scene_shows():
@@ -156,13 +159,13 @@ def test_the_record_holds_what_the_scene_shows():
 def test_shadows_absence_and_edges_come_in_their_shares():
     records = [
         draw_plausible(np.random.default_rng([9, i]), _two_rooms(), LOOKS, BURGER, DRAWS, variants=1).record
-        for i in range(300)
+        for i in range(150)
     ]
     shadows = np.mean([any(lamp["casts_shadow"] for lamp in r["lighting"]["lamps"]) for r in records])
     absent = np.mean([r["meeting"]["T_w_r1"] is None for r in records])
     # Five standard deviations of the binomial either way.
-    assert shadows == pytest.approx(0.25, abs=0.125)
-    assert absent == pytest.approx(0.05, abs=0.063)
+    assert shadows == pytest.approx(0.25, abs=0.177)
+    assert 0.0 < absent < 0.05 + 0.089
 
 
 @cache
@@ -173,11 +176,11 @@ def _two_rooms():
 
 def test_distances_and_headings_are_uniform_where_there_is_room():
     rng = np.random.default_rng(0)
-    meetings = [draw_robot_poses(rng, _two_rooms(), BURGER, BURGER, DRAWS, absent=False) for _ in range(400)]
+    meetings = [draw_robot_poses(rng, _two_rooms(), BURGER, BURGER, DRAWS, absent=False) for _ in range(300)]
     between = [m.T_w_r0.inverse() @ m.T_w_r1 for m in meetings]
     quarter = np.bincount([int(2.0 * (pose.wrapped().yaw_rad / np.pi + 1.0)) % 4 for pose in between])
     far = np.mean([np.hypot(pose.x_m, pose.y_m) > 2.15 for pose in between])
-    assert quarter.min() > 70
+    assert quarter.min() > 45
     # A little under a half: the farther, the fewer places.
     assert 0.38 < far < 0.58
 
