@@ -5,7 +5,7 @@ import pytest
 from rendezvous.geometry.cuboid import project_cuboid
 from rendezvous.pose_estimation.cuboids import detect_cuboids
 from rendezvous.pose_estimation.dope_labels import belief_maps, vector_fields
-from rendezvous.pose_estimation.peaks import belief_peaks
+from rendezvous.pose_estimation.peaks import Peaks, belief_peaks
 
 from tests.geometry.test_cuboid import CAMERA, SIZE_M
 
@@ -57,7 +57,35 @@ def test_a_cuboid_without_its_centroid_is_one_all_the_same():
     (cuboid,) = found(uv[None], hidden=[8])
     assert STRIDE_PX * cuboid.uv_cells_92[:8] == pytest.approx(uv[:8], abs=0.2)
     assert STRIDE_PX * cuboid.span_cells == pytest.approx(np.ptp(uv[:8], axis=0).max(), abs=0.4)
+    assert len(found(uv[None], hidden=[8, 0, 1, 2, 3])) == 1
     assert found(uv[None], hidden=[8, 0, 1, 2, 3, 4]) == []
+
+
+@pytest.mark.parametrize(
+    ("turn_rad", "away_cells", "own"),
+    [(0.45, 4.0, True), (0.55, 4.0, False), (0.55, 0.9, True), (3, 1.1, False)],
+)
+def test_a_corner_belongs_to_the_centroid_that_its_vector_points_at_or_that_is_very_near(
+    turn_rad: float, away_cells: float, own: bool
+):
+    uv = np.array([[10.0, 10.0], [10.0 + away_cells, 10.0]])
+    peaks = Peaks(channel_P=np.array([2, 8]), uv_cells_P2=uv, height_P=np.array([0.9, 0.8]))
+    fields = np.zeros((16, 20, 20), np.float32)
+    fields[4], fields[5] = np.cos(turn_rad), np.sin(turn_rad)
+    (cuboid,) = detect_cuboids(peaks, fields)
+    assert np.isfinite(cuboid.uv_cells_92[2]).all() == own
+    assert cuboid.score == pytest.approx((0.9 * own + 0.8) / 9.0)
+
+
+def test_of_two_centroids_a_corner_goes_to_the_nearer_and_of_two_corners_the_higher_stays():
+    uv = np.array([[10.0, 10.0], [10.0, 11.0], [16.0, 10.0], [13.0, 10.0]])
+    peaks = Peaks(channel_P=np.array([2, 2, 8, 8]), uv_cells_P2=uv, height_P=np.array([0.5, 0.9, 1.0, 0.6]))
+    fields = np.zeros((16, 20, 20), np.float32)
+    fields[4] = 1.0
+    first, second = sorted(detect_cuboids(peaks, fields), key=lambda cuboid: cuboid.uv_cells_92[8, 0])
+    assert first.uv_cells_92[2].tolist() == [10.0, 11.0]
+    assert np.isnan(second.uv_cells_92[2]).all()
+    assert first.score == pytest.approx((0.9 + 0.6) / 9.0)
 
 
 def test_empty_maps_hold_no_cuboid():

@@ -17,7 +17,7 @@ def drawn(*points: tuple[float, float], sigma: float = 1.0) -> np.ndarray:
     return belief_maps(8.0 * uv, width_px=8 * CELLS, height_px=8 * CELLS, stride_px=8, sigma_cells=sigma)
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(u=st.floats(2.0, 17.99), v=st.floats(2.0, 17.99))
 def test_a_drawn_point_comes_back_wherever_it_lies(u, v):
     peaks = belief_peaks(drawn((u, v)), sigma_cells=1.0)
@@ -38,7 +38,7 @@ def test_a_blurred_point_stays_where_it_is_but_is_lower(blur):
 
 def test_noise_moves_a_peak_little():
     rng = np.random.default_rng(0)
-    points = rng.uniform(3.0, 17.0, (300, 2))
+    points = rng.uniform(3.0, 17.0, (200, 2))
     errors = []
     for point in points:
         noisy = drawn(tuple(point)) + rng.normal(0.0, 0.02, (9, CELLS, CELLS)).astype(np.float32)
@@ -49,7 +49,7 @@ def test_noise_moves_a_peak_little():
     assert abs(np.mean(errors)) < 0.005
 
 
-def test_several_peaks_of_a_map_are_told_the_highest_first():
+def test_several_peaks_of_a_map_come_the_highest_first():
     maps = drawn((5.2, 5.4), (12.7, 9.1))
     maps[3, 8:12, 10:16] *= 0.6
     maps[5] = 0.5 * drawn((8.0, 8.0))[3]
@@ -58,6 +58,13 @@ def test_several_peaks_of_a_map_are_told_the_highest_first():
     assert peaks.uv_cells_P2 == pytest.approx(np.array([(5.2, 5.4), (12.7, 9.1), (8.0, 8.0)]), abs=0.1)
     assert peaks.height_P == pytest.approx([1.0, 0.6, 0.5], abs=0.05)
     assert belief_peaks(maps, sigma_cells=1.0, most=1).channel_P.tolist() == [3, 5]
+
+
+def test_two_equal_cells_side_by_side_are_one_peak_between_them():
+    maps = np.zeros((1, CELLS, CELLS), np.float32)
+    maps[0, 7, 7:9] = 0.8
+    peaks = belief_peaks(maps, sigma_cells=1.0)
+    assert peaks.uv_cells_P2 == pytest.approx(np.array([[7.5, 7.0]]), abs=0.05)
 
 
 def test_flat_maps_have_no_peaks():

@@ -11,6 +11,7 @@ from rendezvous.pose_estimation.pose_calibration import PoseCalibration
 from rendezvous.pose_estimation.pose_calibration_fit import (
     ReadImage,
     SeenPeaks,
+    _least_score,
     fitted,
     likeliest_noise,
     with_score,
@@ -85,6 +86,33 @@ def test_variance_along_the_line_of_sight_is_added_along_it():
     assert added == pytest.approx(np.diag([0.0, 0.04, 0.0]), abs=1e-12)
     turned = calibration.covariance(np.zeros((3, 3)), SE2(0.0, 2.0, np.pi / 2.0))
     assert turned == pytest.approx(np.diag([0.04, 0.0, 0.0]), abs=1e-12)
+
+
+def test_scale_and_floors_are_added_up():
+    calibration = PoseCalibration(along_share=0.0, across_share=0.0, scale=2.0, floor_m=0.1, floor_rad=0.2)
+    covariance = calibration.covariance(np.diag([0.01, 0.02, 0.03]), SE2(1.0, 2.0, 3.0))
+    assert covariance == pytest.approx(np.diag([0.03, 0.05, 0.10]))
+    across = PoseCalibration(along_share=0.0, across_share=0.1, floor_m=0.0, floor_rad=0.0)
+    assert across.covariance(np.zeros((3, 3)), SE2(0.0, 2.0, 0.0)) == pytest.approx(np.diag([0.04, 0.0, 0.0]))
+
+
+@pytest.mark.parametrize(("wrong_images", "least"), [(100, 0.75), (200, 0.55)])
+def test_the_least_score_lets_half_a_percent_of_images_without_a_robot_through(
+    wrong_images: int, least: float
+):
+    scores = np.array([0.9, 0.8, 0.6, 0.7, 0.5, 0.1])
+    right = np.array([True, True, True, False, False, False])
+    assert _least_score(scores, right, wrong_images) == pytest.approx(least)
+
+
+@pytest.mark.parametrize(("away_m", "right"), [(0.29, True), (0.31, False)])
+def test_a_reading_is_right_within_a_distance_that_grows_with_the_robot_s(away_m: float, right: bool):
+    near, far = SE2(1.0, 0.0, 0.0), SE2(4.0, 0.0, 0.0)
+    for true, scale in ((near, 1.0), (far, 2.0)):
+        read = reading(SE2(true.x_m, scale * away_m, 3.0))
+        assert ReadImage(readings=(read,), T_r0_r1=true).right == right
+    assert not ReadImage(readings=(reading(near),), T_r0_r1=None).right
+    assert not ReadImage(readings=(), T_r0_r1=near).right
 
 
 def test_few_images_without_a_robot_reach_the_least_score():

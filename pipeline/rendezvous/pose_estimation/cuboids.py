@@ -65,8 +65,8 @@ def detect_cuboids(peaks: Peaks, fields_Fhw: Maps) -> list[DetectedCuboid]:
     centroids = np.flatnonzero(peaks.channel_P == CENTROID)
     corners = np.flatnonzero(peaks.channel_P != CENTROID)
     owner = _owners(peaks, corners, centroids, fields_Fhw)
-    found = [_cuboid(peaks, [*corners[owner == k], c]) for k, c in enumerate(centroids)]
-    orphan = _cuboid(peaks, corners[owner < 0].tolist())
+    found = [_cuboid(peaks, np.append(corners[owner == k], c)) for k, c in enumerate(centroids)]
+    orphan = _cuboid(peaks, corners[owner < 0])
     if np.count_nonzero(orphan.height_9) >= LEAST_CORNERS:
         found.append(orphan)
     return sorted(found, key=lambda cuboid: -cuboid.score)
@@ -99,7 +99,7 @@ def _vectors(fields_Fhw: Maps, channel_N: Indices, uv_N2: Array) -> Array:
     return np.divide(vectors, norms, out=np.zeros_like(vectors), where=norms > 0.0)
 
 
-def _cuboid(peaks: Peaks, members: list[int]) -> DetectedCuboid:
+def _cuboid(peaks: Peaks, members: Indices) -> DetectedCuboid:
     """The highest of these peaks for each point."""
     uv, height = np.full((9, 2), np.nan), np.zeros(9)
     for peak in members:

@@ -129,8 +129,10 @@ class Renderer:
             for x in range(x0, x1, self._width_px):
                 width_px, height_px = min(self._width_px, x1 - x), min(self._height_px, y1 - y)
                 size = {"width_px": width_px, "height_px": height_px}
-                shift = {"cx_px": scene.camera.cx_px - x, "cy_px": scene.camera.cy_px - y}
-                T_clip_w = clip_matrix(replace(scene.camera, **size, **shift)) @ T_c_w
+                tile = replace(
+                    scene.camera, cx_px=scene.camera.cx_px - x, cy_px=scene.camera.cy_px - y, **size
+                )
+                T_clip_w = clip_matrix(tile) @ T_c_w
                 ids = self._passes.ids(draws, T_clip_w, **size)
                 count += int(np.count_nonzero(ids != NO_INSTANCE))
         return count
