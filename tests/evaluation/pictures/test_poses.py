@@ -43,8 +43,13 @@ def _row(x_m: float, y_m: float = 0.0, yaw_rad: float = 0.5, *, form: str = ".jp
     }
 
 
-def _absent() -> dict:
-    return _row(1.0) | {"T_c_o": None, "projected_cuboid_px": None, "box_px": None, "visibility": 0.0}
+ABSENT = {"T_c_o": None, "projected_cuboid_px": None, "box_px": None, "visibility": 0.0}
+BARE = {"box_px": None}
+"""Without the box, whose lines could pass for others."""
+
+
+def _drawn(row: dict, width_px: int = 640) -> np.ndarray:
+    return labelled_image(row, width_px=width_px)
 
 
 def _near(image, uv_px, colour) -> bool:
@@ -59,15 +64,10 @@ def _mask(image, colour):
     return np.linalg.norm(image.astype(float) - colour, axis=2) < 60.0
 
 
-def _bare(row: dict) -> dict:
-    """Without the box, whose lines could pass for others."""
-    return row | {"box_px": None}
-
-
 @pytest.mark.parametrize("width_px", [640, 320])
 def test_corners_are_painted_where_opencv_projects_them(width_px: int):
-    row = _bare(_row(0.9))
-    image = labelled_image(row, width_px=width_px)
+    row = _row(0.9) | BARE
+    image = _drawn(row, width_px)
     signs = np.array(np.meshgrid([1, -1], [1, -1], [1, -1])).reshape(3, 8).T
     rotation, translation = cv2.Rodrigues(row["T_c_o"][:3, :3])[0], row["T_c_o"][:3, 3]
     uv_px = cv2.projectPoints(0.5 * signs * np.array(SIZE_M), rotation, translation, CAMERA.K(), None)[0]
@@ -79,63 +79,51 @@ def test_corners_are_painted_where_opencv_projects_them(width_px: int):
 
 def test_the_front_is_told_apart_whichever_way_the_robot_faces():
     for yaw_rad, side in ((np.pi / 2, -1), (-np.pi / 2, 1)):
-        image = labelled_image(_bare(_row(0.9, yaw_rad=yaw_rad)), width_px=640)
+        image = _drawn(_row(0.9, yaw_rad=yaw_rad) | BARE)
         front_u, rest_u = (np.nonzero(_mask(image, c))[1].mean() for c in (FRONT_COLOUR, CUBOID_COLOUR))
         assert side * (front_u - rest_u) > 20.0
 
 
 def test_the_centroid_is_marked():
-    row = _bare(_row(0.9))
-    image = labelled_image(row, width_px=640)
+    row = _row(0.9) | BARE
     u, v = row["projected_cuboid_px"][8].round().astype(int)
-    assert _mask(image, FRONT_COLOUR)[v - 1 : v + 2, u - 1 : u + 2].all()
+    assert _mask(_drawn(row), FRONT_COLOUR)[v - 1 : v + 2, u - 1 : u + 2].all()
 
 
 def test_the_box_is_drawn_around_the_visible_pixels():
     row = _row(0.9) | {"projected_cuboid_px": None, "box_px": np.array([99.5, 149.5, 199.5, 299.5])}
-    lines = np.nonzero((labelled_image(row, width_px=640) > GREY + 60).all(axis=2))
+    lines = np.nonzero((_drawn(row) > GREY + 60).all(axis=2))
     assert [axis.min() for axis in lines] == pytest.approx([149, 99], abs=1)
     assert [axis.max() for axis in lines] == pytest.approx([300, 200], abs=1)
 
 
 def test_points_behind_the_camera_leave_the_rest_drawn():
-    row = _bare(_row(0.9))
+    row = _row(0.9) | BARE
     whole = row["projected_cuboid_px"]
-    image = labelled_image(row | {"projected_cuboid_px": _without(whole, [0])}, width_px=640)
+    image = _drawn(row | {"projected_cuboid_px": np.vstack([np.full(2, np.nan), whole[1:]])})
     assert not _near(image, whole[0], FRONT_COLOUR)
     assert all(_near(image, whole[i], FRONT_COLOUR if i in (3, 4, 7) else CUBOID_COLOUR) for i in range(1, 8))
-    nothing = labelled_image(row | {"projected_cuboid_px": _without(whole, range(9))}, width_px=640)
-    assert np.ptp(nothing) <= 2
-
-
-def _without(uv_px, indices):
-    kept = uv_px.copy()
-    kept[list(indices)] = np.nan
-    return kept
 
 
 @pytest.mark.parametrize("far_px", [1e4, 1e12])
 def test_an_edge_that_leaves_the_image_is_drawn_up_to_its_border(far_px: float):
     uv_px = np.full((9, 2), np.nan)
     uv_px[1], uv_px[2] = (100.0, 200.0), (far_px, 200.0)
-    image = labelled_image(_bare(_row(0.9)) | {"projected_cuboid_px": uv_px}, width_px=640)
-    assert _mask(image, CUBOID_COLOUR)[200, 101:].all()
-    assert not _mask(image, CUBOID_COLOUR)[:, :99].any()
+    drawn = _mask(_drawn(_row(0.9) | BARE | {"projected_cuboid_px": uv_px}), CUBOID_COLOUR)
+    assert drawn[200, 101:].all()
+    assert not drawn[:, :99].any()
 
 
-def test_an_edge_wholly_outside_leaves_no_mark():
-    image = labelled_image(
-        _bare(_row(0.9)) | {"projected_cuboid_px": np.full((9, 2), -50.0) * np.arange(1, 10)[:, None]},
-        width_px=640,
-    )
-    assert np.ptp(image) <= 2
+@pytest.mark.parametrize("uv_px", [-50.0 * np.arange(1, 10)[:, None] * np.ones(2), np.full((9, 2), np.nan)])
+def test_a_cuboid_wholly_outside_or_unknown_leaves_no_mark(uv_px):
+    assert np.ptp(_drawn(_row(0.9) | BARE | {"projected_cuboid_px": uv_px})) <= 2
 
 
 def test_a_small_robot_is_magnified_in_the_corner_that_is_far_from_it():
     small, large = _row(3.5, -1.0), _row(0.9, -0.1)
     assert (small["projected_cuboid_px"][8] > (CAMERA.cx_px, 0)).all()
     assert small["projected_cuboid_px"][8, 1] < CAMERA.cy_px
-    lower_left = [labelled_image(row, width_px=640)[-200:, :200] for row in (small, large)]
+    lower_left = [_drawn(row)[-200:, :200] for row in (small, large)]
     assert not _mask(lower_left[1], CUBOID_COLOUR).any()
     magnified_px = np.ptp(np.argwhere(_mask(lower_left[0], CUBOID_COLOUR)), axis=0)
     assert magnified_px.max() > 1.5 * np.ptp(small["projected_cuboid_px"], axis=0).max()
@@ -143,21 +131,22 @@ def test_a_small_robot_is_magnified_in_the_corner_that_is_far_from_it():
 
 @pytest.mark.parametrize("form", [".jpg", ".png"])
 def test_images_of_both_formats_are_read(form: str):
-    image = labelled_image(_absent() | {"image": _row(1.0, form=form)["image"]}, width_px=320)
+    image = _drawn(_row(1.0, form=form) | ABSENT, 320)
     assert np.abs(image.astype(int) - GREY).max() <= 2
 
 
 def test_a_sheet_says_where_there_is_no_robot():
-    assert [visibility_words(row) for row in (_row(1.0), _absent())] == ["87% visible", "no robot"]
-    present, absent = (pose_sheet([row], title="Poses")[-44:] for row in (_row(1.0), _absent()))
+    rows = (_row(1.0), _row(1.0) | ABSENT)
+    assert [visibility_words(row) for row in rows] == ["87% visible", "no robot"]
+    present, absent = (pose_sheet([row], title="Poses")[-44:] for row in rows)
     assert absent.min() < GREY
     assert (present != absent).any()
 
 
 def test_a_sheet_has_four_images_to_a_line():
-    heights = [pose_sheet([_row(1.0)] * n, title="Poses").shape for n in (1, 4, 5, 8, 9)]
-    assert {width for _, width, _ in heights} == {SHEET_WIDTH_PX}
-    steps = [b[0] - a[0] for a, b in pairwise(heights)]
+    shapes = [pose_sheet([_row(1.0)] * n, title="Poses").shape for n in (1, 4, 5, 8, 9)]
+    assert {width for _, width, _ in shapes} == {SHEET_WIDTH_PX}
+    steps = [b[0] - a[0] for a, b in pairwise(shapes)]
     assert steps[0] == steps[2] == 0
     assert steps[1] == steps[3] > 200
 
