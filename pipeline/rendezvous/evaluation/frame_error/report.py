@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-
-from markupsafe import Markup
+from typing import TYPE_CHECKING
 
 from rendezvous.alignment.estimate import WRONG_M, WRONG_RAD
 from rendezvous.evaluation import statistics
@@ -20,6 +19,9 @@ from rendezvous.evaluation.frame_error.symmetry import Symmetry
 from rendezvous.evaluation.frame_error.table_one import ABLATION, PAPER, PaperRow, title
 from rendezvous.evaluation.frame_error.training_curve import STILL_FALLING
 from rendezvous.evaluation.report.page import ReportPart, render_part
+
+if TYPE_CHECKING:
+    from markupsafe import Markup
 
 KEY = "frame_error"
 
