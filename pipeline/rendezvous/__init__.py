@@ -12,10 +12,12 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from rendezvous.alignment.estimate import Estimate as Estimate
     from rendezvous.alignment.estimate import FrameErrorEstimator as FrameErrorEstimator
+    from rendezvous.alignment.window import MapWindow as MapWindow
     from rendezvous.baselines.correlative import CorrelativeSearch as CorrelativeSearch
     from rendezvous.baselines.hough import HoughSpectrum as HoughSpectrum
     from rendezvous.baselines.identity import Identity as Identity
     from rendezvous.baselines.orb import OrbRansac as OrbRansac
+    from rendezvous.commands.evaluate.from_python import evaluate as evaluate
     from rendezvous.commands.fuse.from_python import fuse as fuse
     from rendezvous.errors import PipelineError as PipelineError
     from rendezvous.fusion.system import FusionResult as FusionResult
@@ -42,6 +44,7 @@ _HOME = {
     "HoughSpectrum": "baselines.hough",
     "Identity": "baselines.identity",
     "MapPair": "training.frame_error.pairs",
+    "MapWindow": "alignment.window",
     "MatcherEstimator": "models.matcher_estimator",
     "OccupancyGrid": "geometry.occupancy_grid",
     "OrbRansac": "baselines.orb",
@@ -49,6 +52,7 @@ _HOME = {
     "PipelineError": "errors",
     "RelativePoseEstimator": "models.relative_pose_estimator",
     "SE2": "geometry.se2",
+    "evaluate": "commands.evaluate.from_python",
     "fuse": "commands.fuse.from_python",
     "read_camera_info": "interop.camera_info",
     "read_pairs": "training.frame_error.pairs",

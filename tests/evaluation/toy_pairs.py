@@ -6,8 +6,9 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+import pandas as pd
 from rendezvous.alignment.estimate import Estimate
-from rendezvous.evaluation.frame_error.estimates import Outcome, Outcomes, Pairs, outcome
+from rendezvous.evaluation.frame_error.estimates import Outcome, outcome, outcome_table
 from rendezvous.geometry.occupancy_grid import grid_from_png
 from rendezvous.geometry.se2 import SE2, Array
 from rendezvous.training.frame_error.pairs import MapPair
@@ -43,7 +44,7 @@ def toy_sample(pair: MapPair, *, seed: int = 0) -> PerturbedPair:
     return perturbed_pair(pair, evaluation_perturbation(pair.pair_id, PerturbationRange(), seed=seed))
 
 
-def toy_outcomes(pairs: Sequence[MapPair], *, off: SE2, failing: bool = False) -> Outcomes:
+def toy_outcomes(pairs: Sequence[MapPair], *, off: SE2, failing: bool = False) -> list[Outcome]:
     """Of a method that is always off by the same motion, or always fails."""
     rows = []
     for pair in pairs:
@@ -54,7 +55,7 @@ def toy_outcomes(pairs: Sequence[MapPair], *, off: SE2, failing: bool = False) -
             else Estimate(theta=sample.theta_v @ off.inverse(), covariance=np.diag([0.01, 0.01, 0.001]))
         )
         rows.append(outcome(estimate, pair, sample, duration_s=0.01))
-    return Outcomes(tuple(rows))
+    return rows
 
 
 def outcomes_of(
@@ -64,8 +65,9 @@ def outcomes_of(
     tails: float | None = None,
     ambiguous: Sequence[bool] | None = None,
     failed: Sequence[bool] | None = None,
-) -> Outcomes:
-    """Outcomes with these errors (N, 3): a failure's is that of answering zero."""
+    overlap: float | Sequence[float] = 0.3,
+) -> pd.DataFrame:
+    """An outcome table with these errors (N, 3) of one method: a failure's is that of answering zero."""
     rows = []
     for i, components in enumerate(error):
         fails = failed is not None and failed[i]
@@ -83,9 +85,9 @@ def outcomes_of(
                 duration_s=0.001 * (i + 1),
             )
         )
-    return Outcomes(tuple(rows))
+    return outcome_table({"toy": rows}, np.broadcast_to(overlap, len(rows)))
 
 
-def pairs_of(overlap: Sequence[float]) -> Pairs:
-    """Pairs of as many floor plans."""
-    return Pairs.of(np.array(overlap), [f"plan-{i}" for i in range(len(overlap))])
+def tables_of(**errors: Array) -> pd.DataFrame:
+    """An outcome table of methods with these errors (N, 3)."""
+    return pd.concat([outcomes_of(error).assign(method=name) for name, error in errors.items()])

@@ -8,13 +8,13 @@ from rendezvous.geometry.se2 import SE2
 from rendezvous.models import lie
 from rendezvous.models.frame_error_network import input_grid, output_pose
 from rendezvous.models.losses import (
-    ABLATION_ROWS,
     frame_error_loss,
     lie_error,
     plain_error,
     regulariser,
     warp,
 )
+from rendezvous.models.table_one import ABLATION_ROWS
 from scipy.linalg import expm, logm
 from torch import Tensor, nn
 from torch.autograd import gradcheck

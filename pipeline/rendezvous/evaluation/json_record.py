@@ -1,4 +1,4 @@
-"""Records that JSON can hold: poses as x [m], y [m], yaw [rad], arrays as lists, infinity as null."""
+"""Records that JSON can hold: poses as x [m], y [m], yaw [rad], arrays as lists, NaN and infinity as null."""
 
 from __future__ import annotations
 
@@ -28,6 +28,27 @@ FiniteOrNot = Annotated[
     PlainValidator(lambda value: math.inf if value is None else float(value)),
     PlainSerializer(lambda value: value if math.isfinite(value) else None),
 ]
+
+
+NanOrNumber = Annotated[
+    float,
+    PlainValidator(lambda value: math.nan if value is None else float(value)),
+    PlainSerializer(lambda value: value if math.isfinite(value) else None),
+]
+Column = Annotated[
+    Array,
+    PlainValidator(lambda values: np.array(values, dtype=np.float64)),
+    PlainSerializer(lambda array: array.tolist()),
+]
+
+
+def without_nan(value: Any) -> Any:
+    """The same with None for numbers that JSON does not have."""
+    if isinstance(value, dict):
+        return {key: without_nan(v) for key, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [without_nan(v) for v in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 class JsonRecord:

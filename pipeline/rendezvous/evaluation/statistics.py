@@ -1,7 +1,7 @@
-"""How far measured means and shares can be trusted.
+"""Confidence intervals of measured means and shares.
 
-Pairs of one floor plan share its walls, and two pairs of one meeting even their maps; so resamples draw whole
-floor plans. Resampling single pairs would make intervals too narrow.
+Pairs from one floor plan share its walls, and two pairs from one rendezvous even their maps, so resamples
+draw whole floor plans. Resampling single pairs would make intervals too narrow.
 """
 
 from __future__ import annotations
@@ -11,8 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtri
+from scipy.stats import binomtest
 
+from rendezvous.evaluation.json_record import NanOrNumber
 from rendezvous.geometry.se2 import Array
 
 LEVEL = 0.95
@@ -21,14 +22,14 @@ RESAMPLES = 2000
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Interval:
-    """A measured value and its confidence interval; NaN where there is nothing to measure or to resample."""
+    """A measured value and its confidence interval; NaN where there is nothing to measure."""
 
-    value: float
-    low: float
-    high: float
+    value: NanOrNumber
+    low: NanOrNumber
+    high: NanOrNumber
 
     def scaled(self, factor: float) -> Interval:
-        """In another unit, or with the other sign."""
+        """The interval times a factor: in another unit, or with the other sign."""
         low, high = sorted((factor * self.low, factor * self.high))
         return Interval(value=factor * self.value, low=low, high=high)
 
@@ -42,23 +43,21 @@ NOTHING = Interval(value=math.nan, low=math.nan, high=math.nan)
 
 
 def wilson_interval(successes: int, trials: int, *, level: float = LEVEL) -> Interval:
-    """A share with Wilson's score interval (1927), which takes trials as independent."""
+    """A share with Wilson's score interval (1927), which takes trials to be independent."""
     if not trials:
         return NOTHING
-    z, share = float(ndtri(0.5 + level / 2.0)), successes / trials
-    middle = (share + z * z / (2.0 * trials)) / (1.0 + z * z / trials)
-    half = z / (1.0 + z * z / trials) * math.sqrt(share * (1.0 - share) / trials + (z / (2.0 * trials)) ** 2)
-    return Interval(value=share, low=max(0.0, middle - half), high=min(1.0, middle + half))
+    found = binomtest(int(successes), int(trials)).proportion_ci(level, method="wilson")
+    return Interval(value=successes / trials, low=float(found.low), high=float(found.high))
 
 
 def resample_weights(
     groups: NDArray[np.int64], *, rng: np.random.Generator, resamples: int = RESAMPLES
 ) -> Array:
-    """(R, N) how often each value occurs in each resample.
+    """(R, N) count of each value in each resample.
 
     Args:
-        groups: (N,) values with the same number are drawn together.
-        rng: groups are drawn with replacement, uniformly, as many as there are.
+        groups: (N,) numbers; values with the same number are drawn together.
+        rng: draws as many groups as there are, uniformly with replacement.
         resamples: R.
     """
     names, group = np.unique(groups, return_inverse=True)
@@ -74,7 +73,7 @@ def bootstrap_mean(values: Array, weights: Array, *, level: float = LEVEL) -> In
     if not len(values):
         return NOTHING
     total = weights.sum(axis=1)
-    # A resample may hold none of a subset's plans.
+    # A resample may contain none of a subset's plans.
     means = (weights @ values)[total > 0.0] / total[total > 0.0]
     tail = (1.0 - level) / 2.0
     low, high = np.quantile(means, [tail, 1.0 - tail])

@@ -1,4 +1,4 @@
-"""The loss of the paper's networks (Eq. 5 to 7), and the eight rows of its Table I.
+"""The loss of the paper's networks (Eq. 5 to 7).
 
 The frame error θ says that map 1 as placed is θ applied to map 1 as it should lie: `placed(u) = aligned(θ⁻¹
 u)`. So map 0, which agrees with the aligned map 1, comes to agree with the placed one when θ is applied to
@@ -18,48 +18,6 @@ from torch.nn import functional
 
 from rendezvous.models import lie
 from rendezvous.models.frame_error_network import output_pose
-
-DEFAULT_OMEGA = 0.1
-"""Weight of the regulariser where it is on. The paper gives its range, [0, 1], not its value.
-
-The pull of L_reg towards ξ = 0 does not depend on the size of ξ, that of L_error grows with the error: they
-are level where the error is about ω. At 0.1 the regulariser wins only within a cell of the input.
-"""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class AblationRow:
-    """A row of the paper's Table I.
-
-    Attributes:
-        name: in tables, folders and options.
-        vit: the transformer; otherwise the convolutional twin.
-        reg: with the regulariser of Eq. 6; otherwise ω is 0.
-        lie: the loss of Eq. 5; otherwise half the squared difference of x, y and yaw.
-    """
-
-    name: str
-    vit: bool
-    reg: bool
-    lie: bool
-
-    @property
-    def omega(self) -> float:
-        """ω of Eq. 7."""
-        return DEFAULT_OMEGA if self.reg else 0.0
-
-
-ABLATION_ROWS: tuple[AblationRow, ...] = (
-    AblationRow(name="cnn", vit=False, reg=False, lie=False),
-    AblationRow(name="cnn-lie", vit=False, reg=False, lie=True),
-    AblationRow(name="cnn-reg", vit=False, reg=True, lie=False),
-    AblationRow(name="cnn-reg-lie", vit=False, reg=True, lie=True),
-    AblationRow(name="vit", vit=True, reg=False, lie=False),
-    AblationRow(name="vit-lie", vit=True, reg=False, lie=True),
-    AblationRow(name="vit-reg", vit=True, reg=True, lie=False),
-    AblationRow(name="vit-reg-lie", vit=True, reg=True, lie=True),
-)
-"""In the order of the paper's table; the last is its method."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import math
 import sys
 from pathlib import Path
 
@@ -10,11 +11,15 @@ from typer.testing import CliRunner
 
 pytest.importorskip("matplotlib")
 
+import rendezvous
+from rendezvous.alignment.estimate import Estimate
+from rendezvous.alignment.window import MapWindow, SearchRange
 from rendezvous.cli.__main__ import app
 from rendezvous.commands.evaluate import measuring
 from rendezvous.commands.evaluate.frame_error import Evaluation, evaluate
 from rendezvous.errors import SetupError, StoreError
 from rendezvous.evaluation.frame_error.symmetry import turn_symmetry
+from rendezvous.geometry.se2 import SE2
 from rendezvous.training.frame_error.pairs import read_pairs
 from rendezvous.training.frame_error.perturbation import (
     PerturbationRange,
@@ -209,7 +214,7 @@ def test_a_damaged_recorded_row_is_told(data, tmp_path):
     given += ["--workers", "1"]
     result = CliRunner().invoke(app, [*given, "--records", str(tmp_path), "--count", "1"])
     assert result.exit_code == 2
-    assert "orb-2m-45deg.json: no recorded row" in result.stderr
+    assert "orb-2m-45deg.json: no recorded figures" in result.stderr
     assert not (tmp_path / "r").exists()
 
 
@@ -249,3 +254,44 @@ def test_no_network_no_torch(data, tmp_path):
     main.write_text("if __name__ == '__main__':\n" + "".join(f"    {line}\n" for line in code.splitlines()))
     ran = subprocess.run([sys.executable, str(main)], capture_output=True, text=True, check=True)
     assert ran.stdout.strip() == "False"
+
+
+class HalfCorrecting:
+    """Knows nothing of the maps, and keeps the range it was given."""
+
+    name = "a user's own"
+    ranges: list[SearchRange] = []  # noqa: RUF012 - the tests read it
+
+    def __init__(self, *, search: SearchRange) -> None:
+        self.ranges.append(search)
+
+    def __call__(self, window: MapWindow) -> Estimate:
+        return Estimate(theta=SE2(0.1, 0.0, 0.0))
+
+
+def test_a_users_method_is_measured_beside_the_shipped_ones_from_python(data, tmp_path):
+    table = rendezvous.evaluate(
+        data,
+        methods={"mine": HalfCorrecting},
+        beside=["identity"],
+        count=3,
+        xy_range_m=1.0,
+        report=tmp_path / "report",
+    )
+    assert list(table["method"]) == ["identity"] * 3 + ["mine"] * 3
+    assert HalfCorrecting.ranges[-1] == SearchRange.covering(xy_m=1.0, yaw_rad=math.pi / 4)
+    metrics = json.loads((tmp_path / "report" / "metrics.json").read_text())["frame_error"]
+    means = table[["x_m", "y_m", "yaw_rad"]].abs().groupby(table["method"]).mean()
+    for name in ("identity", "mine"):
+        assert mean_error(metrics, name) == pytest.approx(means.loc[name].tolist())
+    page = (tmp_path / "report" / "index.html").read_text()
+    assert ">mine <span" in page
+
+
+def test_a_users_method_is_measured_by_its_place_on_the_command_line(data, tmp_path):
+    given = ["evaluate", "--data", str(data), "--methods", f"orb,{__name__}:HalfCorrecting", "--count", "2"]
+    result = CliRunner().invoke(app, [*given, "--report", str(tmp_path), "--workers", "1"])
+    assert result.exit_code == 0, result.stderr
+    metrics = json.loads((tmp_path / "metrics.json").read_text())["frame_error"]
+    measured = [name for name, row in metrics["methods"].items() if row["source"] == "measured"]
+    assert measured == ["orb", "HalfCorrecting"]

@@ -53,6 +53,24 @@ def test_the_same_is_kept_and_anything_else_made_anew(tmp_path):
     assert "before" not in _measured(tmp_path, 20, key="b")[1]
 
 
+def test_what_depends_on_more_than_is_known_is_never_kept(tmp_path):
+    told = io.StringIO()
+    measurement = Measurement(
+        command="square",
+        name="toy",
+        items_name="numbers",
+        measure=_squares,
+        from_json=lambda fields: Square(**fields),
+        key={},
+    )
+    cache = Disk(str(tmp_path / "cache"))
+    for _ in range(2):
+        rows = measured(measurement, range(3), cache=cache, workers=1, console=Console(file=told))
+        assert [row.value for row in rows] == [0, 1, 4]
+    assert "before" not in told.getvalue()
+    assert not (tmp_path / "cache").exists()
+
+
 def test_a_damaged_cache_is_made_anew(tmp_path):
     _measured(tmp_path, 20)
     (kept,) = tmp_path.iterdir()

@@ -12,12 +12,12 @@ pytest.importorskip("matplotlib")
 pytest.importorskip("torch")
 
 from rendezvous.alignment.frame_error import pose_difference
-from rendezvous.alignment.window import SearchRange
+from rendezvous.alignment.window import DEFAULT_SEARCH, SearchRange
 from rendezvous.cli.__main__ import app
 from rendezvous.errors import StoreError
 from rendezvous.geometry.se2 import SE2
 from rendezvous.models.matcher_estimator import MatcherEstimator
-from rendezvous.stages.weights.estimators import chosen_methods, training_of
+from rendezvous.stages.weights.estimators import select_methods, training_of
 from rendezvous.training.frame_error.pairs import read_pairs
 from rendezvous.training.frame_error.perturbation import (
     PerturbationRange,
@@ -145,7 +145,7 @@ def test_the_curve_that_weights_tell_needs_no_file_beside_them(network):
     points = json.loads((network.parent / "curve.json").read_text())["curve"]
     record = {"model": "vit-lie", "seed": 5, "samples": 32, "data": data}
     record["curve"] = [{**points[0], "elapsed_s": 90.0}]
-    (method,) = chosen_methods(("vit-lie",), {"vit-lie": network}, xy_range_m=2.0, yaw_range_rad=0.8)
+    (method,) = select_methods(("vit-lie",), {"vit-lie": network}, search=DEFAULT_SEARCH)
     assert training_of(method, record).minutes == 1.5
     assert training_of(method, {**record, "curve": []}).curve is None
     with pytest.raises(StoreError, match="does not tell how it was trained"):

@@ -30,7 +30,7 @@ def _drawn(rng: np.random.Generator, count: int = COUNT):
 def test_errors_drawn_from_the_covariances_are_found_calibrated():
     error, covariance = _drawn(np.random.default_rng(1))
     outcomes = outcomes_of(-error, covariance=covariance)
-    found = calibration(outcomes, np.ones(COUNT, dtype=bool))
+    found = calibration(outcomes)
     for level, share in zip(LEVELS, found.coverage, strict=True):
         assert share.value == approx(level, abs=4.0 * math.sqrt(level * (1.0 - level) / COUNT))
     assert found.nees_mean == approx(3.0, abs=0.15)
@@ -45,10 +45,10 @@ def test_errors_drawn_from_the_covariances_are_found_calibrated():
 @pytest.mark.parametrize(("factor", "covered"), [(0.25, False), (4.0, True)])
 def test_covariances_too_small_or_too_large_show(factor: float, covered: bool):
     error, covariance = _drawn(np.random.default_rng(2))
-    found = calibration(outcomes_of(-error, covariance=factor * covariance), np.ones(COUNT, dtype=bool))
+    found = calibration(outcomes_of(-error, covariance=factor * covariance))
     assert found.nees_mean == approx(3.0 / factor, rel=0.05)
     assert (found.coverage[1].value > 0.95) == covered
-    right = calibration(outcomes_of(-error, covariance=covariance), np.ones(COUNT, dtype=bool))
+    right = calibration(outcomes_of(-error, covariance=covariance))
     assert found.spread_nll > right.spread_nll + 0.1
 
 
@@ -69,8 +69,7 @@ def test_errors_with_heavy_tails_are_calibrated_by_their_t_distribution_alone():
     nu = 4.0
     error *= np.sqrt((nu - 2.0) / rng.chisquare(nu, COUNT))[:, None]
     heavy, normal = (
-        calibration(outcomes_of(-error, covariance=covariance, tails=tails), np.ones(COUNT, dtype=bool))
-        for tails in (nu, None)
+        calibration(outcomes_of(-error, covariance=covariance, tails=tails)) for tails in (nu, None)
     )
     for level, share in zip(LEVELS, heavy.coverage, strict=True):
         assert share.value == approx(level, abs=4.0 * math.sqrt(level * (1.0 - level) / COUNT))
@@ -85,8 +84,8 @@ def test_a_covariance_without_volume_is_infinitely_wrong_and_a_missing_one_is_le
     assert nees(error, covariance)[:2].tolist() == [approx(0.03), math.inf]
     assert log_density(error, covariance, np.full(3, math.inf))[1] == -math.inf
     assert np.isnan(nees(error, covariance)[2])
-    assert calibration(outcomes_of(error, covariance=covariance), np.ones(3, dtype=bool)).count == 2
-    assert calibration(outcomes_of(error), np.ones(3, dtype=bool)) is None
+    assert calibration(outcomes_of(error, covariance=covariance)).count == 2
+    assert calibration(outcomes_of(error)) is None
 
 
 def test_warnings_count_what_is_wrong_among_what_is_flagged_and_what_is_not():

@@ -6,19 +6,19 @@ import math
 import numpy as np
 import pytest
 from pytest import approx
-from rendezvous.alignment.estimate import Estimate
+from rendezvous.alignment.estimate import WRONG_M, WRONG_RAD, Estimate
 from rendezvous.alignment.frame_error import corrected, frame_error
 from rendezvous.evaluation.frame_error.estimates import (
+    OVERLAP_BINS,
     SUCCESS_M,
     SUCCESS_RAD,
     Outcome,
-    Outcomes,
-    Pairs,
     outcome,
+    outcome_table,
 )
 from rendezvous.geometry.se2 import SE2
 
-from tests.evaluation.toy_pairs import outcomes_of, toy_pair, toy_sample
+from tests.evaluation.toy_pairs import outcomes_of, toy_outcomes, toy_pair, toy_sample
 
 OFF = SE2(0.2, -0.1, 0.05)
 
@@ -60,7 +60,7 @@ def test_a_failure_is_no_success_however_little_was_wrong():
     outcomes = outcomes_of(small, failed=[False, True])
     assert outcomes.success.tolist() == [True, False]
     assert outcomes.flagged.tolist() == [False, True]
-    assert outcomes.position_m == approx([0.1, 0.1])
+    assert outcomes.position_m.tolist() == approx([0.1, 0.1])
 
 
 def test_success_has_a_bound_in_position_and_one_in_heading():
@@ -89,9 +89,27 @@ def test_an_outcome_survives_json(theta_hat: SE2 | None):
     after = Outcome.from_json(json.loads(json.dumps(before.to_json())))
     assert after.to_json() == before.to_json()
     assert after.error == before.error
-    assert len(Outcomes((after,))) == 1
 
 
-def test_pairs_of_a_floor_plan_are_numbered_alike():
-    pairs = Pairs.of(np.array([0.1, 0.2, 0.3]), ["b", "a", "b"])
-    assert pairs.plan[0] == pairs.plan[2] != pairs.plan[1]
+def test_a_table_has_one_row_for_each_pair_under_each_method_by_the_pairs_number():
+    table = outcome_table(
+        {name: toy_outcomes([toy_pair(3), toy_pair(4)], off=OFF) for name in ("b", "a")}, np.array([0.2, 0.8])
+    )
+    assert list(zip(table.index, table.method, table.overlap, strict=True)) == [
+        (0, "b", 0.2),
+        (1, "b", 0.8),
+        (0, "a", 0.2),
+        (1, "a", 0.8),
+    ]
+    assert table.position_m.tolist() == approx([math.hypot(0.2, -0.1)] * 4)
+    assert table.heading_rad.tolist() == approx([0.05] * 4)
+
+
+def test_an_overlap_on_an_edge_is_in_the_bin_above_it():
+    table = outcomes_of(np.zeros((5, 3)), overlap=[0.0, 0.1, 0.25, 0.4999, 0.5])
+    assert table.overlaps.tolist() == [OVERLAP_BINS[k] for k in (0, 1, 2, 2, 3)]
+
+
+def test_an_error_is_wrong_only_beyond_a_bound():
+    errors = [[WRONG_M, 0.0, 0.0], [WRONG_M + 1e-9, 0.0, 0.0], [0.0, 0.0, -WRONG_RAD], [0.0, 0.0, -0.1]]
+    assert outcomes_of(np.array(errors)).wrong.tolist() == [False, True, False, True]

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from pytest import approx
 from rendezvous.alignment.window import FREE_CELL, MapWindow
+from rendezvous.evaluation.frame_error.estimates import outcome_table
 from rendezvous.evaluation.frame_error.gallery import PANEL_PX, attention_panel, chosen_pairs, panels
 from rendezvous.evaluation.pictures.canvas import BLUE, RED
 from rendezvous.evaluation.pictures.map_panels import BOTH
@@ -11,7 +12,7 @@ from rendezvous.geometry.occupancy_grid import FREE, OCCUPIED, OccupancyGrid
 from rendezvous.geometry.se2 import SE2
 from rendezvous.training.frame_error.pairs import MapPair
 
-from tests.evaluation.toy_pairs import outcomes_of, pairs_of, toy_outcomes, toy_pair, toy_sample
+from tests.evaluation.toy_pairs import outcomes_of, toy_outcomes, toy_pair, toy_sample
 
 
 def _pixels(image, colour) -> int:
@@ -26,7 +27,9 @@ def drawn():
         "off": toy_outcomes([pair], off=SE2(0.5, 0.5, 0.2)),
         "failing": toy_outcomes([pair], off=SE2.identity(), failing=True),
     }
-    return {panel.name: panel for panel in panels(pair, toy_sample(pair), found, 0)}
+    return {
+        panel.name: panel for panel in panels(pair, toy_sample(pair), outcome_table(found, np.array([0.5])))
+    }
 
 
 def test_a_perfect_estimate_looks_like_the_truth(drawn):
@@ -53,12 +56,12 @@ def test_best_median_worst_and_low_overlap_are_shown_once_each():
     error = np.zeros((21, 3))
     error[:, 0] = np.random.default_rng(0).permutation(21)
     overlap = np.linspace(1.0, 0.05, 21)
-    chosen = {c.why: c.index for c in chosen_pairs(outcomes_of(error), pairs_of(overlap))}
+    chosen = {c.why: c.index for c in chosen_pairs(outcomes_of(error, overlap=overlap))}
     assert error[chosen["best"], 0] == 0.0
     assert error[chosen["median"], 0] == 10.0
     assert error[chosen["worst"], 0] == 20.0
     assert chosen["low overlap"] in (19, 20)
-    one = chosen_pairs(outcomes_of(error[:1]), pairs_of(overlap[:1]))
+    one = chosen_pairs(outcomes_of(error[:1]))
     assert [c.why for c in one] == ["best"]
 
 
@@ -85,7 +88,7 @@ def test_y_points_up_and_x_to_the_right():
         T_m1_r1=SE2(1.0, 0.5, 0.0),
         overlap=0.4,
     )
-    truth, *_ = panels(pair, toy_sample(pair), {}, 0)
+    truth, *_ = panels(pair, toy_sample(pair), outcomes_of(np.zeros((1, 3)))[:0])
     row, col = np.argwhere((truth.image == RED).all(axis=2)).mean(axis=0) / PANEL_PX
     # 5 m across, around (2 m, 1 m); the walls are around (3.5 m, 1.8 m).
     assert (row, col) == (approx(0.5 - 0.8 / 5.0, abs=0.01), approx(0.5 + 1.5 / 5.0, abs=0.01))

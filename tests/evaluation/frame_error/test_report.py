@@ -6,12 +6,14 @@ from dataclasses import replace
 from unittest.mock import patch
 
 import numpy as np
+import pandas as pd
 import pytest
 
 pytest.importorskip("matplotlib")
 
 from rendezvous.errors import StoreError
 from rendezvous.evaluation.frame_error import report
+from rendezvous.evaluation.frame_error.estimates import outcome_table
 from rendezvous.evaluation.frame_error.gallery import Shown, panels
 from rendezvous.evaluation.frame_error.measured_row import Conditions, MeasuredRow, Training
 from rendezvous.evaluation.frame_error.report import FrameErrorContent, frame_error_part
@@ -19,11 +21,13 @@ from rendezvous.evaluation.frame_error.summary import Comparison, comparisons, s
 from rendezvous.evaluation.frame_error.symmetry import Symmetry
 from rendezvous.evaluation.frame_error.training_curve import TrainingCurve
 from rendezvous.evaluation.report.page import report_page
+from rendezvous.evaluation.report.recorded_figures import read_recorded
 from rendezvous.evaluation.statistics import Interval, resample_weights
 from rendezvous.geometry.se2 import SE2
+from rendezvous.methods import METHODS
 
 from tests.evaluation.pages import require_self_contained
-from tests.evaluation.toy_pairs import pairs_of, toy_outcomes, toy_pair, toy_sample
+from tests.evaluation.toy_pairs import toy_outcomes, toy_pair, toy_sample
 
 CONDITIONS = Conditions(
     split="test",
@@ -59,32 +63,33 @@ def _page(content: FrameErrorContent, *, drawn: bool = False) -> str:
         return report_page([frame_error_part(content)])
 
 
-def _row(name: str, outcomes, pairs, weights, training: Training | None = None) -> MeasuredRow:
+def _row(name: str, outcomes, weights, training: Training | None = None) -> MeasuredRow:
     return MeasuredRow(
-        method=name, conditions=CONDITIONS, summary=summary(outcomes, pairs, weights), training=training
+        method=name, conditions=CONDITIONS, summary=summary(outcomes, weights), training=training
     )
 
 
 @pytest.fixture(scope="module")
 def content() -> FrameErrorContent:
     toys = [toy_pair(plan) for plan in (3, 4, 5)]
-    pairs = pairs_of([pair.overlap for pair in toys])
-    weights = resample_weights(pairs.plan, rng=np.random.default_rng(0))
+    weights = resample_weights(np.arange(3), rng=np.random.default_rng(0))
     found = {
         "orb": toy_outcomes(toys, off=SE2(0.4, 0.0, 0.0), failing=True),
         "correlative": toy_outcomes(toys, off=SE2(0.05, 0.0, 0.0)),
     }
-    rows = {name: _row(name, outcomes, pairs, weights) for name, outcomes in found.items()}
-    off = toy_outcomes(toys, off=SE2(0.1, 0.0, 0.0))
-    rows["vit-lie"] = _row("vit-lie", off, pairs, weights, TRAINING)
-    shown = panels(toys[0], toy_sample(toys[0]), found, 0)
+    overlap = np.array([pair.overlap for pair in toys])
+    outcomes = outcome_table(found, overlap)
+    rows = {name: _row(name, group, weights) for name, group in outcomes.groupby("method", sort=False)}
+    off = outcome_table({"vit-lie": toy_outcomes(toys, off=SE2(0.1, 0.0, 0.0))}, overlap)
+    rows["vit-lie"] = _row("vit-lie", off, weights, TRAINING)
+    shown = panels(toys[0], toy_sample(toys[0]), outcomes.loc[[0]])
     return FrameErrorContent(
         conditions=CONDITIONS,
-        found=found,
+        methods=METHODS,
+        outcomes=outcomes,
         rows=rows,
-        pairs=pairs,
         symmetry=None,
-        comparisons=comparisons(found, weights),
+        comparisons=comparisons(outcomes, weights),
         gallery=[Shown(pair_id=toys[0].pair_id, why="best", overlap=0.5, panels=tuple(shown))],
         attention={"vit-lie": shown[:1]},
         dataset="data/dataset",
@@ -122,6 +127,11 @@ def test_a_recorded_row_tells_where_it_is_from_and_that_it_has_not_converged(pag
     assert "seed 4, 12,345 samples, 8.0 min" in line
     assert "commit ccccccccc" in line
     assert page.count('badge measured">measured') == 2
+
+
+def _only(content, name: str) -> pd.DataFrame:
+    """The outcomes of one method."""
+    return content.outcomes[content.outcomes["method"] == name]
 
 
 def _line(content, title: str) -> str:
@@ -202,12 +212,16 @@ def test_a_network_at_the_error_of_answering_zero_has_not_learned(content, mean,
     assert f"has not learned {' or '.join(missed)}<" in told or not missed
 
 
+def _read(values) -> MeasuredRow:
+    return read_recorded(values, MeasuredRow, where="here", command="evaluate")
+
+
 def test_a_recorded_row_survives_json(content):
     row = content.rows["vit-lie"]
     row = replace(row, plans_trained_on=1)
-    after = MeasuredRow.from_json(row.to_json(), where="here")
+    after = _read(row.to_json())
     older = {key: value for key, value in row.to_json().items() if key != "plans_trained_on"}
-    assert MeasuredRow.from_json(older, where="here").plans_trained_on is None
+    assert _read(older).plans_trained_on is None
     assert after.to_json() == row.to_json()
     assert after.training.curve.minutes == 8.0
 
@@ -215,11 +229,11 @@ def test_a_recorded_row_survives_json(content):
 @pytest.mark.parametrize("damage", [{"format": 9}, {"summary": {}}, {"conditions": {"split": "test"}}])
 def test_a_damaged_row_is_told(content, damage):
     with pytest.raises(StoreError, match=r"^here: "):
-        MeasuredRow.from_json({**content.rows["orb"].to_json(), **damage}, where="here")
+        _read({**content.rows["orb"].to_json(), **damage})
 
 
 def test_charts_are_left_out_where_there_is_nothing_to_draw(content):
-    orb = {"rows": {"orb": content.rows["orb"]}, "found": {"orb": content.found["orb"]}}
+    orb = {"rows": {"orb": content.rows["orb"]}, "outcomes": _only(content, "orb")}
     bare = _page(replace(content, **orb, attention={}, comparisons=[]), drawn=True)
     assert "Error against training samples" not in bare
     assert "What the transformer looks at" not in bare
@@ -237,15 +251,10 @@ def test_the_page_says_what_its_figures_do_not_show(page):
 
 
 def test_the_papers_hough_row_stands_presumably_beside_the_global_one(content):
-    found, row = content.found["orb"], content.rows["orb"]
     names = ("hough", "hough-global")
-    both = replace(
-        content,
-        found=dict.fromkeys(names, found),
-        rows=dict.fromkeys(names, row),
-        comparisons=[],
-        attention={},
-    )
+    twice = pd.concat([_only(content, "orb").assign(method=name) for name in names])
+    alone = {"outcomes": twice, "rows": dict.fromkeys(names, content.rows["orb"])}
+    both = replace(content, **alone, comparisons=[], attention={})
     assert "1.096<small>presumably</small>" in _line(both, "Hough, global")
     assert "1.096" not in _line(both, "Hough, in the window")
 
@@ -268,10 +277,10 @@ def test_a_verdict_names_what_is_better_and_what_is_worse_beyond_doubt():
 
 def test_symmetric_scenes_stand_apart_where_they_were_told_apart(content):
     weights = np.ones((5, 3))
-    apart = Symmetry.of(np.array([0.7, 0.2, 0.59]), content.found, weights)
+    apart = Symmetry.of(np.array([0.7, 0.2, 0.59]), content.outcomes, weights)
     words = _page(replace(content, symmetry=apart))
     assert "1 of 3 pairs have such a map, and the median over all pairs is 59 %" in words
     assert "symmetric, 1 pairs" in words
-    none = Symmetry.of(np.zeros(3), content.found, weights)
+    none = Symmetry.of(np.zeros(3), content.outcomes, weights)
     assert "symmetric, none" in _page(replace(content, symmetry=none))
     assert "Symmetric scenes apart" not in _page(content)

@@ -5,14 +5,14 @@ import math
 
 import numpy as np
 from pytest import approx
-from rendezvous.evaluation.frame_error.summary import OVERLAP_BINS, Summary, comparisons, ranking, summary
+from rendezvous.evaluation.frame_error.estimates import OVERLAP_BINS
+from rendezvous.evaluation.frame_error.summary import Summary, comparisons, ranking, summary
 from rendezvous.evaluation.statistics import resample_weights
 
-from tests.evaluation.toy_pairs import outcomes_of, pairs_of
+from tests.evaluation.toy_pairs import outcomes_of, tables_of
 
 OVERLAP = (0.05, 0.15, 0.2, 0.3, 0.9, 0.95)
-PAIRS = pairs_of(OVERLAP)
-WEIGHTS = resample_weights(PAIRS.plan, rng=np.random.default_rng(0), resamples=500)
+WEIGHTS = resample_weights(np.arange(6), rng=np.random.default_rng(0), resamples=500)
 ERROR = np.array(
     [
         [3.0, -4.0, 0.5],
@@ -26,7 +26,7 @@ ERROR = np.array(
 
 
 def test_figures_are_those_of_the_errors():
-    found = summary(outcomes_of(ERROR), PAIRS, WEIGHTS)
+    found = summary(outcomes_of(ERROR, overlap=OVERLAP), WEIGHTS)
     assert [mean.value for mean in found.overall.mean] == approx(np.abs(ERROR).mean(axis=0))
     assert found.overall.median == approx(tuple(np.median(np.abs(ERROR), axis=0)))
     assert found.overall.position_m.value == approx(np.hypot(ERROR[:, 0], ERROR[:, 1]).mean())
@@ -35,27 +35,29 @@ def test_figures_are_those_of_the_errors():
 
 
 def test_each_pair_is_in_the_bin_of_its_overlap():
-    found = summary(outcomes_of(ERROR), PAIRS, WEIGHTS)
-    assert [bin_.count for bin_ in found.by_overlap] == [1, 2, 1, 2]
-    assert found.by_overlap[0].position_m.value == approx(5.0)
-    assert found.by_overlap[0].success.value == 0.0
-    assert found.by_overlap[1].mean[0].value == approx(0.15)
+    found = summary(outcomes_of(ERROR, overlap=OVERLAP), WEIGHTS)
+    assert list(found.by_overlap) == list(OVERLAP_BINS)
+    bins = list(found.by_overlap.values())
+    assert [found.count for found in bins] == [1, 2, 1, 2]
+    assert bins[0].position_m.value == approx(5.0)
+    assert bins[0].success.value == 0.0
+    assert bins[1].mean[0].value == approx(0.15)
 
 
 def test_a_bin_without_pairs_is_none():
-    pairs = pairs_of((0.3,) * 6)
-    assert summary(outcomes_of(ERROR), pairs, WEIGHTS).by_overlap[0] is None
+    found = summary(outcomes_of(ERROR, overlap=0.3), WEIGHTS).by_overlap
+    assert [label for label, bin_ in found.items() if bin_ is not None] == ["0.25–0.5"]
 
 
 def test_a_summary_survives_json():
     covariance = np.repeat(np.diag([0.01, 0.01, 0.001])[None], 6, axis=0)
     covariance[0] = 0.0  # infinitely wrong
     for outcomes in (outcomes_of(ERROR), outcomes_of(ERROR, covariance=covariance)):
-        before = summary(outcomes, pairs_of((0.3,) * 6), WEIGHTS)
+        before = summary(outcomes, WEIGHTS)
         text = json.dumps(before.to_json(), allow_nan=False)
         after = Summary.from_json(json.loads(text))
         assert json.dumps(after.to_json()) == text
-        assert after.by_overlap[OVERLAP_BINS.index("< 0.1")] is None
+        assert after.by_overlap["< 0.1"] is None
         assert math.isnan(after.warnings.wrong_flagged.value)
     assert after.calibration.nees_mean == math.inf
 
@@ -63,9 +65,8 @@ def test_a_summary_survives_json():
 def test_the_method_with_smaller_errors_is_better_beyond_doubt():
     rng = np.random.default_rng(1)
     error = rng.normal(0.0, 1.0, (80, 3)) * (1.0, 1.0, 0.1)
-    pairs = pairs_of(rng.uniform(0.0, 1.0, 80))
-    weights = resample_weights(pairs.plan, rng=rng)
-    found = {"far": outcomes_of(error), "near": outcomes_of(0.5 * error)}
+    weights = resample_weights(np.arange(80), rng=rng)
+    found = tables_of(far=error, near=0.5 * error)
     assert ranking(found) == ["near", "far"]
     (only,) = comparisons(found, weights)
     assert (only.better, only.other) == ("near", "far")
@@ -77,12 +78,11 @@ def test_the_method_with_smaller_errors_is_better_beyond_doubt():
 
 
 def test_the_best_method_is_compared_with_each_other_one_and_no_others():
-    found = {name: outcomes_of(k * ERROR) for name, k in (("c", 3.0), ("a", 1.0), ("b", 2.0))}
+    found = tables_of(c=3.0 * ERROR, a=ERROR, b=2.0 * ERROR)
     assert [(c.better, c.other) for c in comparisons(found, WEIGHTS)] == [("a", "b"), ("a", "c")]
-    assert comparisons({"a": found["a"]}, WEIGHTS) == []
+    assert comparisons(tables_of(a=ERROR), WEIGHTS) == []
 
 
 def test_a_method_is_not_better_than_itself():
-    outcomes = outcomes_of(ERROR)
-    (only,) = comparisons({"a": outcomes, "b": outcomes}, WEIGHTS)
+    (only,) = comparisons(tables_of(a=ERROR, b=ERROR), WEIGHTS)
     assert not any(d.excludes_zero for d in (only.position_m, only.heading_rad, only.success))

@@ -9,28 +9,29 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas as pd
 from rich.console import Console
 
-from rendezvous.alignment.window import PAPER_XY_M, PAPER_YAW_RAD
+from rendezvous.alignment.window import PAPER_XY_M, PAPER_YAW_RAD, SearchRange
 from rendezvous.commands.evaluate.measured_pairs import Trial, measured, perturbation_json
-from rendezvous.commands.evaluate.recorded_rows import RecordedRows
+from rendezvous.commands.evaluate.recorded import RecordFolder
 from rendezvous.commands.evaluate.report_folder import PAGE, keep_evaluation, kept_metrics
 from rendezvous.errors import ConfigError, StoreError
-from rendezvous.evaluation.frame_error.estimates import Outcomes, Pairs
+from rendezvous.evaluation.frame_error.estimates import Outcome, outcome_table
 from rendezvous.evaluation.frame_error.gallery import Panel, Shown, attention_panel, chosen_pairs, panels
 from rendezvous.evaluation.frame_error.measured_row import Conditions, MeasuredRow, Training
 from rendezvous.evaluation.frame_error.report import FrameErrorContent, frame_error_part
 from rendezvous.evaluation.frame_error.summary import comparisons, ranking, summary
 from rendezvous.evaluation.frame_error.symmetry import WIDE_RANGE_DEG, Symmetry, turn_symmetry
-from rendezvous.evaluation.frame_error.table_one import METHODS, model_of
 from rendezvous.evaluation.statistics import resample_weights
 from rendezvous.geometry.se2 import Array
+from rendezvous.methods import METHODS, Method
 from rendezvous.resources import METRICS
 from rendezvous.seeds import stream
 from rendezvous.stages.weights.estimators import (
-    Method,
-    chosen_methods,
+    SelectedMethod,
     plans_trained_on,
+    select_methods,
     trained,
     training_of,
 )
@@ -66,22 +67,25 @@ class Evaluation:
     Attributes:
         dataset: folder that `pack` wrote.
         split: of it.
-        count: at most so many pairs, drawn at random; None for all.
-        methods: of `METHODS`; none for all that need no weights or have some.
-        weights: where those of some methods lie.
-        xy_range_m, yaw_range_deg: half widths of the frame errors, drawn uniformly.
-        seed: of frame errors, window headings and the draw of pairs.
+        count: at most this many pairs, drawn at random; None for all.
+        methods: names of shipped and installed methods, or `package.module:Class`; none for all that need no
+            weights or whose weights are found.
+        own: further methods by name, which always run.
+        weights: files of some networks' weights.
+        xy_range_m, yaw_range_deg: half widths of the frame errors' uniform distribution.
+        seed: of the frame errors, window headings and draw of pairs.
         folder: of the report.
         workers: processes.
         records: folder of recorded rows.
-        record: whether to keep what is measured now among them.
-        console: where to tell.
+        record: whether to record this run's rows there.
+        console: for progress and messages.
     """
 
     dataset: str = "data/dataset"
     split: str = "test"
     count: int | None = None
     methods: tuple[str, ...] = ()
+    own: Mapping[str, Method] = field(default_factory=dict)
     weights: Mapping[str, Path] = field(default_factory=dict)
     xy_range_m: float = PAPER_XY_M
     yaw_range_deg: float = math.degrees(PAPER_YAW_RAD)
@@ -95,12 +99,12 @@ class Evaluation:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Contender:
-    """A method that is ready to be measured; without a network, all else is None."""
+    """A method that is ready to be measured; what concerns its network is None if it has none."""
 
-    method: Method
-    network: Trained | None
-    training: Training | None
-    plans_trained_on: int | None
+    selected: SelectedMethod
+    network: Trained | None = None
+    training: Training | None = None
+    plans_trained_on: int | None = None
 
 
 def evaluate(settings: Evaluation) -> Path:
@@ -110,23 +114,36 @@ def evaluate(settings: Evaluation) -> Path:
         The page.
 
     Raises:
+        As `measure_and_report`.
+    """
+    measure_and_report(settings)
+    return settings.folder / PAGE
+
+
+def measure_and_report(settings: Evaluation) -> pd.DataFrame:
+    """Measure, record if asked to, and write the report.
+
+    Returns:
+        The `outcome_table` of this run.
+
+    Raises:
         StoreError: the dataset, weights or recorded rows are missing or damaged, or nothing can be written.
-        ConfigError: a split, method or range that there is not, weights of another model, or a recorded row
-            of more pairs.
+        ConfigError: a split, method or range does not exist, weights are another model's, or a recorded row
+            has more pairs.
         SetupError: a package is missing.
     """
     if settings.split not in SPLIT_NAMES:
         raise ConfigError(f"--split is {settings.split!r}; must be one of {', '.join(SPLIT_NAMES)}")
     range_ = _range(settings)
-    methods = chosen_methods(
-        settings.methods, settings.weights, xy_range_m=range_.xy_m, yaw_range_rad=range_.yaw_rad
-    )
+    search = SearchRange.covering(xy_m=range_.xy_m, yaw_rad=range_.yaw_rad)
+    methods = select_methods(settings.methods, settings.weights, search=search, own=settings.own)
     pairs = read_pairs(StageReader(settings.dataset, "pack"), settings.split)
     trial = Trial.of(pairs, _drawn(pairs, settings), range_, seed=settings.seed)
-    # All that can be wrong with files shows here, and not after an hour of measuring.
+    # Whatever is wrong with files shows here, and not after an hour of measuring.
     kept_metrics(Disk(str(settings.folder)))
     contenders = _contenders(methods, trial, settings)
-    conditions, recorded = _conditions(trial, settings), RecordedRows.read(settings.records)
+    conditions = _conditions(trial, settings)
+    recorded = RecordFolder.read(settings.records, MeasuredRow, command="evaluate")
     if settings.record:
         recorded.require_no_loss(contenders, conditions)
     found = {name: _measured(contender, trial, settings) for name, contender in contenders.items()}
@@ -134,7 +151,7 @@ def evaluate(settings: Evaluation) -> Path:
     if settings.record:
         recorded.keep((content.rows[name] for name in found), settings.console)
     _write(content, trial, settings)
-    return settings.folder / PAGE
+    return content.outcomes
 
 
 def _range(settings: Evaluation) -> PerturbationRange:
@@ -152,44 +169,45 @@ def _drawn(pairs: PairTable, settings: Evaluation) -> Sequence[int]:
     return sorted(int(index) for index in order[: settings.count])
 
 
-def _contenders(methods: Sequence[Method], trial: Trial, settings: Evaluation) -> dict[str, _Contender]:
-    """By name. A method that was not asked for, and whose weights happen to lie in `runs/`, is left out if
-    these cannot be used."""
+def _contenders(
+    methods: Sequence[SelectedMethod], trial: Trial, settings: Evaluation
+) -> dict[str, _Contender]:
+    """Methods by name. A network that nobody asked for is left out if its weights cannot be used."""
     asked = {*settings.methods, *settings.weights}
     contenders = {}
-    for method in methods:
+    for selected in methods:
         try:
-            contenders[method.name] = _contender(method, trial, settings)
+            contenders[selected.name] = _contender(selected, trial, settings)
         except (ConfigError, StoreError) as error:
-            if {method.name, model_of(method.name)} & asked:
+            if {selected.name, selected.method.model} & asked:
                 raise
             settings.console.print(
-                f"evaluate: left out {method.name}: {error}", highlight=False, soft_wrap=True, markup=False
+                f"evaluate: left out {selected.name}: {error}", highlight=False, soft_wrap=True, markup=False
             )
     return contenders
 
 
-def _contender(method: Method, trial: Trial, settings: Evaluation) -> _Contender:
-    """Load what there is to load, and tell if it knows the test already."""
-    if not method.learned:
-        return _Contender(method=method, network=None, training=None, plans_trained_on=None)
-    network = trained(method, threads=settings.workers)
-    training = training_of(method, network.record)
+def _contender(selected: SelectedMethod, trial: Trial, settings: Evaluation) -> _Contender:
+    """Load a method's network, if it has one, and warn if that was trained on the measured plans."""
+    if not selected.method.needs_weights:
+        return _Contender(selected=selected)
+    network = trained(selected, threads=settings.workers)
+    training = training_of(selected, network.record)
     plans = dict(zip(trial.column("plan_id"), trial.column("plan_digest"), strict=True))
     known = plans_trained_on(network.record, plans)
     if known:
         settings.console.print(
-            f"evaluate {method.name}: warning: trained on {known} of these {len(plans)} floor plans; its "
+            f"evaluate {selected.name}: warning: trained on {known} of these {len(plans)} floor plans; its "
             "errors on plans that it never saw may be larger than these",
             highlight=False,
             soft_wrap=True,
         )
-    return _Contender(method=method, network=network, training=training, plans_trained_on=known)
+    return _Contender(selected=selected, network=network, training=training, plans_trained_on=known)
 
 
-def _measured(contender: _Contender, trial: Trial, settings: Evaluation) -> Outcomes:
+def _measured(contender: _Contender, trial: Trial, settings: Evaluation) -> tuple[Outcome, ...]:
     return measured(
-        contender.method,
+        contender.selected,
         None if contender.network is None else contender.network.estimator,
         trial,
         folder=settings.folder,
@@ -202,30 +220,32 @@ def _content(
     trial: Trial,
     conditions: Conditions,
     contenders: Mapping[str, _Contender],
-    found: Mapping[str, Outcomes],
-    recorded: RecordedRows,
+    found: Mapping[str, Sequence[Outcome]],
+    recorded: RecordFolder[MeasuredRow],
     settings: Evaluation,
 ) -> FrameErrorContent:
-    pairs = Pairs.of(np.array(trial.column("overlap")), trial.column("plan_id"))
-    weights = resample_weights(pairs.plan, rng=stream(settings.seed, "evaluation", "bootstrap"))
-    rows = recorded.beside(conditions) | {
-        name: MeasuredRow(
-            method=name,
+    outcomes = outcome_table(found, np.array(trial.column("overlap")))
+    _, plans = np.unique(trial.column("plan_id"), return_inverse=True)
+    weights = resample_weights(plans, rng=stream(settings.seed, "evaluation", "bootstrap"))
+    rows = {row.name: row for row in recorded.rows.values() if row.conditions.comparable(conditions)}
+    for name, group in outcomes.groupby("method", sort=False):
+        contender = contenders[str(name)]
+        rows[str(name)] = MeasuredRow(
+            method=str(name),
             conditions=conditions,
-            summary=summary(outcomes, pairs, weights),
-            training=contenders[name].training,
-            plans_trained_on=contenders[name].plans_trained_on,
+            summary=summary(group, weights),
+            training=contender.training,
+            plans_trained_on=contender.plans_trained_on,
         )
-        for name, outcomes in found.items()
-    }
-    gallery, attention = _pictures(trial, contenders, found, pairs)
+    methods = {**METHODS, **{name: contender.selected.method for name, contender in contenders.items()}}
+    gallery, attention = _pictures(trial, contenders, outcomes)
     return FrameErrorContent(
         conditions=conditions,
-        found=found,
-        rows={name: rows[name] for name in METHODS if name in rows},
-        pairs=pairs,
-        symmetry=_symmetry(trial, found, weights, settings),
-        comparisons=comparisons(found, weights),
+        methods=methods,
+        outcomes=outcomes,
+        rows={name: rows[name] for name in methods if name in rows},
+        symmetry=_symmetry(trial, outcomes, weights, settings),
+        comparisons=comparisons(outcomes, weights),
         gallery=gallery,
         attention=attention,
         dataset=settings.dataset,
@@ -233,29 +253,27 @@ def _content(
     )
 
 
-def _symmetry(
-    trial: Trial, found: Mapping[str, Outcomes], weights: Array, settings: Evaluation
-) -> Symmetry | None:
-    """What symmetric scenes do to methods, if frame errors reach far enough."""
+def _symmetry(trial: Trial, outcomes: pd.DataFrame, weights: Array, settings: Evaluation) -> Symmetry | None:
+    """Errors on symmetric scenes, if frame errors are large enough to confuse them."""
     if settings.yaw_range_deg < WIDE_RANGE_DEG:
         return None
-    share = np.array([turn_symmetry(trial[number][0].grid_1) for number in range(len(trial.indices))])
-    return Symmetry.of(share, found, weights)
+    share = np.array([turn_symmetry(trial[number][0].grid_1) for number in range(len(trial))])
+    return Symmetry.of(share, outcomes, weights)
 
 
 def _pictures(
-    trial: Trial, contenders: Mapping[str, _Contender], found: Mapping[str, Outcomes], pairs: Pairs
+    trial: Trial, contenders: Mapping[str, _Contender], outcomes: pd.DataFrame
 ) -> tuple[list[Shown], dict[str, list[Panel]]]:
-    """The gallery, and what networks look at in its pairs."""
+    """The gallery, and what networks attend to in its pairs."""
     # Without a correction a pair is as it was given, which is drawn already.
-    drawn = {name: outcomes for name, outcomes in found.items() if name != "identity"}
+    drawn = outcomes[outcomes["method"] != "identity"]
     gallery: list[Shown] = []
     attention: dict[str, list[Panel]] = {}
-    for chosen in chosen_pairs(found[ranking(found)[0]], pairs):
+    for chosen in chosen_pairs(outcomes[outcomes["method"] == ranking(outcomes)[0]]):
         pair, perturbation = trial[chosen.index]
         sample = perturbed_pair(pair, perturbation)
-        shown = panels(pair, sample, drawn, chosen.index)
-        gallery.append(Shown(pair_id=pair.pair_id, why=chosen.why, overlap=pair.overlap, panels=tuple(shown)))
+        shown = tuple(panels(pair, sample, drawn[drawn.index == chosen.index]))
+        gallery.append(Shown(pair_id=pair.pair_id, why=chosen.why, overlap=pair.overlap, panels=shown))
         for name, contender in contenders.items():
             if contender.network is not None and contender.network.attention is not None:
                 picture = attention_panel(sample.window, contender.network.attention(sample.window))
@@ -266,10 +284,11 @@ def _pictures(
 
 def _write(content: FrameErrorContent, trial: Trial, settings: Evaluation) -> None:
     disk = Disk(str(settings.folder))
+    measured = content.measured
     told = {
         "conditions": asdict(content.conditions),
         "methods": {
-            name: {**row.to_json(), "source": "measured" if name in content.found else "recorded"}
+            name: {**row.to_json(), "source": "measured" if name in measured else "recorded"}
             for name, row in content.rows.items()
         },
         "symmetry": content.symmetry and content.symmetry.to_json(),
@@ -282,7 +301,7 @@ def _write(content: FrameErrorContent, trial: Trial, settings: Evaluation) -> No
 def _conditions(trial: Trial, settings: Evaluation) -> Conditions:
     return Conditions(
         split=settings.split,
-        pairs=len(trial.indices),
+        pairs=len(trial),
         plans=len(set(trial.column("plan_id"))),
         data_digest=trial.data_digest(),
         perturbation_digest=digest_of(trial.drawn()),

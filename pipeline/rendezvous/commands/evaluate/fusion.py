@@ -10,16 +10,14 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
-from rendezvous.alignment.window import PAPER_XY_M, PAPER_YAW_RAD
 from rendezvous.commands.evaluate.measured_fusions import (
-    LEARNED,
     FusionCase,
     FusionCases,
     FusionSetup,
     measured_fusions,
     run_case,
 )
-from rendezvous.commands.evaluate.recorded_figures import FiguresFolder
+from rendezvous.commands.evaluate.recorded import RecordFolder
 from rendezvous.commands.evaluate.relative_pose import (
     image_conditions,
     require_robot_of_images,
@@ -41,10 +39,11 @@ from rendezvous.evaluation.fusion.runs import (
 )
 from rendezvous.evaluation.fusion.summary import FusionFigures, fusion_figures, fusion_table
 from rendezvous.evaluation.report.recorded_figures import ImageConditions, RecordedFigures
+from rendezvous.methods import REFINEMENTS
 from rendezvous.resources import METRICS
 from rendezvous.seeds import stream
 from rendezvous.stages.training.seen_images import SIGHTING, read_images
-from rendezvous.stages.weights.estimators import Method, chosen_methods, plans_trained_on, trained
+from rendezvous.stages.weights.estimators import plans_trained_on, selected_matcher, trained
 from rendezvous.stages.weights.pose_source import PoseSource, PoseWeights
 from rendezvous.stages.weights.provenance import versions
 from rendezvous.store.disk import Disk
@@ -114,7 +113,7 @@ def evaluate_fusion(settings: FusionEvaluation) -> Path:
     if settings.unseen:
         cases = _unseen(cases, setup, settings)
     conditions = _conditions(cases, setup, settings)
-    recorded = FiguresFolder.read(settings.records, FusionFigures, command="evaluate-fusion")
+    recorded = RecordFolder.read(settings.records, RecordedFigures[FusionFigures], command="evaluate-fusion")
     names = [run_name(run) for run in runs_of(setup.methods)]
     if settings.record:
         recorded.require_no_loss(names, conditions)
@@ -167,22 +166,18 @@ def _setup(settings: FusionEvaluation) -> FusionSetup:
         if name not in METHODS:
             raise ConfigError(f"method {name!r} is unknown; must be one of {', '.join(METHODS)}")
     asked = settings.methods or METHODS
+    learned = [name for name, way in REFINEMENTS.items() if way.needs_matcher]
     source = settings.source or PoseWeights.found(settings.weights)
     try:
-        matcher = _matcher() if set(asked) & set(LEARNED) else None
+        matcher = selected_matcher() if set(asked) & set(learned) else None
     except ConfigError as error:
         if settings.methods:
             raise
-        settings.console.print(f"evaluate-fusion: {', '.join(LEARNED)} left out: {error}", highlight=False)
-        matcher, asked = None, tuple(name for name in METHODS if name not in LEARNED)
+        settings.console.print(f"evaluate-fusion: {', '.join(learned)} left out: {error}", highlight=False)
+        matcher, asked = None, tuple(name for name in METHODS if name not in learned)
     return FusionSetup(
         source=source, methods=tuple(name for name in METHODS if name in asked), matcher=matcher
     )
-
-
-def _matcher() -> Method:
-    (method,) = chosen_methods(("matcher",), {}, xy_range_m=PAPER_XY_M, yaw_range_rad=PAPER_YAW_RAD)
-    return method
 
 
 def _conditions(cases: FusionCases, setup: FusionSetup, settings: FusionEvaluation) -> ImageConditions:
@@ -203,7 +198,7 @@ def _content(
     setup: FusionSetup,
     conditions: ImageConditions,
     outcomes: Sequence[RendezvousOutcome],
-    recorded: FiguresFolder[FusionFigures],
+    recorded: RecordFolder[RecordedFigures[FusionFigures]],
     settings: FusionEvaluation,
 ) -> FusionContent:
     table = fusion_table(outcomes, cases.overlap)

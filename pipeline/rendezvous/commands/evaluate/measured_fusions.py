@@ -10,36 +10,18 @@ from typing import Any
 
 from rich.console import Console
 
-from rendezvous.alignment.window import DEFAULT_SEARCH, SearchRange
-from rendezvous.baselines.hough import HoughSpectrum
-from rendezvous.baselines.orb import OrbRansac
-from rendezvous.commands.evaluate.measured_poses import POSE_CODE, POSE_PACKAGES
-from rendezvous.commands.evaluate.measuring import Measurement, code_digest, measured
-from rendezvous.evaluation.fusion.runs import METHODS, NONE, RendezvousOutcome, run_rendezvous
-from rendezvous.fusion.prior import FrameErrorPrior
-from rendezvous.fusion.refinement import Refiner, correlative_refiner, matcher_refiner
+from rendezvous.commands.evaluate.measuring import Measurement, measured
+from rendezvous.evaluation.fusion.runs import RendezvousOutcome, run_rendezvous
+from rendezvous.fusion.refinement import Refiner, matcher_refiner
 from rendezvous.geometry.se2 import Array
+from rendezvous.methods import REFINEMENTS
 from rendezvous.stages.training.seen_images import SeenImage, digest_of_images
-from rendezvous.stages.weights.estimators import Method, trained
+from rendezvous.stages.weights.estimators import SelectedMethod, trained
 from rendezvous.stages.weights.pose_source import PoseSource
-from rendezvous.stages.weights.provenance import versions
 from rendezvous.store.disk import Disk
 from rendezvous.training.frame_error.pairs import MapPair, PairTable
 
 CACHE = "fusion"
-LEARNED = ("learned", "auto")
-"""Methods that need the trained matcher."""
-
-_ROOMS = (*POSE_CODE, "alignment", "baselines", "fusion", "training")
-_FILES = (
-    "evaluation/fusion/runs.py",
-    "stages/weights/estimators.py",
-    "commands/evaluate/measured_fusions.py",
-    "stages/weights/pose_source.py",
-    "stages/weights/pose_weights.py",
-    "stages/training/seen_images.py",
-    "stages/weights/trained_estimators.py",
-)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -83,26 +65,24 @@ class FusionSetup:
 
     Attributes:
         source: of the relative pose.
-        methods: of `METHODS`.
-        matcher: with weights, or None if no method needs it.
+        methods: of `REFINEMENTS`.
+        matcher: with weights; None where no method needs it.
     """
 
     source: PoseSource
-    methods: tuple[str, ...] = METHODS
-    matcher: Method | None = field(default=None)
+    methods: tuple[str, ...] = tuple(REFINEMENTS)
+    matcher: SelectedMethod | None = field(default=None)
 
     def refiners(self) -> dict[str, Refiner | None]:
         """By method."""
-        every: dict[str, Refiner | None] = {
-            NONE: None,
-            "hough": _hough,
-            "orb": _orb,
-            "correlative": correlative_refiner,
+        matcher = None if self.matcher is None else _matcher(self.matcher)
+        return {
+            name: matcher_refiner(matcher, with_prior=way.needs_covariance)
+            if way.needs_matcher
+            else way.refiner
+            for name, way in REFINEMENTS.items()
+            if name in self.methods and not (way.needs_matcher and matcher is None)
         }
-        if self.matcher is not None:
-            matcher = _matcher(self.matcher)
-            every |= {name: matcher_refiner(matcher, with_prior=name == "auto") for name in LEARNED}
-        return {name: refiner for name, refiner in every.items() if name in self.methods}
 
 
 def measured_fusions(
@@ -156,21 +136,9 @@ def _key(setup: FusionSetup, cases: FusionCases) -> Mapping[str, Any]:
         "methods": list(setup.methods),
         "images": digest_of_images(cases.images),
         "maps": cases.pairs.digest(),
-        "code": code_digest(_ROOMS, _FILES),
-        "packages": versions(POSE_PACKAGES),
     }
 
 
-def _hough(prior: FrameErrorPrior | None) -> tuple[HoughSpectrum, SearchRange]:
-    """Searches the whole default range, without a prior."""
-    return HoughSpectrum(search=DEFAULT_SEARCH), DEFAULT_SEARCH
-
-
-def _orb(prior: FrameErrorPrior | None) -> tuple[OrbRansac, SearchRange]:
-    """Searches wherever features match."""
-    return OrbRansac(), DEFAULT_SEARCH
-
-
 @cache
-def _matcher(method: Method) -> Any:
+def _matcher(method: SelectedMethod) -> Any:
     return trained(method, threads=1).estimator

@@ -1,4 +1,4 @@
-"""What becomes of pairs under estimators of the frame error."""
+"""Outcomes of pairs under estimators of the frame error."""
 
 from __future__ import annotations
 
@@ -14,10 +14,9 @@ from rich.console import Console
 from rendezvous.alignment.estimate import FrameErrorEstimator
 from rendezvous.alignment.window import MapWindow
 from rendezvous.commands.evaluate import measuring
-from rendezvous.commands.evaluate.measuring import Measurement, code_digest
-from rendezvous.evaluation.frame_error.estimates import Outcome, Outcomes, outcome
-from rendezvous.stages.weights.estimators import Method, baseline
-from rendezvous.stages.weights.provenance import versions
+from rendezvous.commands.evaluate.measuring import Measurement
+from rendezvous.evaluation.frame_error.estimates import Outcome, outcome
+from rendezvous.stages.weights.estimators import SelectedMethod
 from rendezvous.store.disk import Disk
 from rendezvous.store.records import json_bytes
 from rendezvous.training.frame_error.pairs import MapPair, PairTable
@@ -29,29 +28,20 @@ from rendezvous.training.frame_error.perturbation import (
 )
 
 CACHE = "frame_error"
-_ROOMS = ("geometry", "alignment", "training")
-_FILES = (
-    "evaluation/frame_error/estimates.py",
-    "stages/weights/estimators.py",
-    "commands/evaluate/measured_pairs.py",
-    "stages/weights/trained_estimators.py",
-)
-_PACKAGES = ("numpy", "scipy", "opencv-python-headless", "numba")
-"""What outcomes depend on, beside the method's own room."""
 Sample = tuple[MapPair, Perturbation]
 
 
 @runtime_checkable
 class PosteriorEstimator(Protocol):
-    """An estimator that gives a density as well."""
+    """An estimator that has a density as well."""
 
     def posterior(self, window: MapWindow) -> Any:
-        """Something with `log_density(theta)`."""
+        """An object with `log_density(theta)`."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Trial:
-    """The pairs on which all methods are measured, each with its one perturbation."""
+    """The pairs on which all methods are measured, each with one perturbation."""
 
     pairs: PairTable
     indices: tuple[int, ...]
@@ -74,76 +64,70 @@ class Trial:
         return self.pairs[self.indices[number]], self.perturbations[number]
 
     def column(self, name: str) -> list[Any]:
-        """A column of the pairs, in order."""
+        """A column of the pairs' table, in the order of the pairs."""
         return [self.pairs.table[name][index].as_py() for index in self.indices]
 
     def data_digest(self) -> str:
-        """Of the whole split."""
+        """Digest of the whole split."""
         return self.pairs.digest()
 
     def drawn(self) -> dict[str, dict[str, Any]]:
-        """The perturbations by the pair's id."""
+        """The perturbations by pair id."""
         return dict(zip(self.column("pair_id"), (asdict(p) for p in self.perturbations), strict=True))
 
 
 def measured(
-    method: Method,
+    selected: SelectedMethod,
     estimator: FrameErrorEstimator | None,
     trial: Trial,
     *,
     folder: Path,
     workers: int,
     console: Console,
-) -> Outcomes:
-    """What becomes of each pair under a method; from the cache, if nothing that it depends on has changed.
+) -> tuple[Outcome, ...]:
+    """The outcome of each pair under a method, from the cache if nothing that it depends on has changed.
 
     Args:
-        method: the method.
+        selected: the method.
         estimator: the loaded network; None for a method without one, which runs in worker processes.
         trial: the pairs.
         folder: of the report.
-        workers: processes; a single one is this one.
-        console: where to tell.
+        workers: processes; 1 means this one.
+        console: for progress and messages.
     """
-    rows = measuring.measured(
-        measurement(method, estimator, trial),
-        trial,
-        cache=Disk(str(folder / CACHE)),
-        workers=workers,
-        console=console,
+    cache = Disk(str(folder / CACHE))
+    return measuring.measured(
+        measurement(selected, estimator, trial), trial, cache=cache, workers=workers, console=console
     )
-    return Outcomes(rows)
 
 
 def measurement(
-    method: Method, estimator: FrameErrorEstimator | None, trial: Trial
+    selected: SelectedMethod, estimator: FrameErrorEstimator | None, trial: Trial
 ) -> Measurement[Sample, Outcome]:
-    """What is done with each pair, and all that it depends on."""
-    packages = (*_PACKAGES, "torch") if method.learned else _PACKAGES
+    """How each pair is measured, and everything that depends on. The code of a user's method is not known."""
+    key = {
+        "method": selected.name,
+        "search": asdict(selected.search),
+        "weights": selected.weights_digest(),
+        "data": trial.data_digest(),
+        "drawn": trial.drawn(),
+    }
     return Measurement(
         command="evaluate",
-        name=method.name,
+        name=selected.name,
         items_name="pairs",
-        measure=partial(_measure, method, estimator),
+        measure=partial(_measure, selected, estimator),
         from_json=Outcome.from_json,
         in_this_process=estimator is not None,
-        key={
-            "method": method.name,
-            "search": asdict(method.search),
-            "weights": method.weights_digest(),
-            "code": code_digest((*_ROOMS, "models" if method.learned else "baselines"), _FILES),
-            "packages": versions(packages),
-            "data": trial.data_digest(),
-            "drawn": trial.drawn(),
-        },
+        key=key if selected.method.shipped else {},
     )
 
 
 def _measure(
-    method: Method, estimator: FrameErrorEstimator | None, pairs: Sequence[Sample]
+    selected: SelectedMethod, estimator: FrameErrorEstimator | None, pairs: Sequence[Sample]
 ) -> tuple[Outcome, ...]:
-    estimator = estimator or baseline(method)
-    # Once untimed: compiled code is loaded at the first call.
+    estimator = estimator or selected.method.estimator(selected.search)
+    # Once without timing: the first call loads compiled code.
     estimator(perturbed_pair(*pairs[0]).window)
     return tuple(_outcome(estimator, pair, perturbation) for pair, perturbation in pairs)
 
@@ -160,12 +144,12 @@ def _outcome(estimator: FrameErrorEstimator, pair: MapPair, perturbation: Pertur
 
 
 def _finite(log_density: float) -> float:
-    """A density of zero as the smallest that a double holds, so that a mean stays a number."""
+    """A density of zero becomes the smallest that a double holds, so that means stay finite."""
     return max(float(log_density), -745.0)
 
 
 def perturbation_json(drawn: Mapping[str, Mapping[str, Any]]) -> bytes:
-    """The perturbations of all pairs, to be kept beside the report."""
+    """The file of all perturbations that lies beside the report."""
     return json_bytes(
         {
             "about": "theta_c: frame error x [m], y [m], yaw [rad] at the meeting point, in the axes of m0; "

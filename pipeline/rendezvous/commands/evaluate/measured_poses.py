@@ -11,25 +11,14 @@ from pathlib import Path
 import pandas as pd
 from rich.console import Console
 
-from rendezvous.commands.evaluate.measuring import Measurement, code_digest, measured
+from rendezvous.commands.evaluate.measuring import Measurement, measured
 from rendezvous.evaluation.relative_pose.errors import PoseOutcome, pose_table
 from rendezvous.pose_estimation.covered import covered_image
 from rendezvous.stages.training.seen_images import SeenImage, digest_of_images
 from rendezvous.stages.weights.pose_source import PoseSource
-from rendezvous.stages.weights.provenance import versions
 from rendezvous.store.disk import Disk
 
 CACHE = "relative_pose"
-POSE_CODE = ("geometry", "models", "pose_estimation")
-POSE_PACKAGES = ("numpy", "scipy", "opencv-python-headless", "numba", "torch")
-"""Packages that poses depend on."""
-_FILES = (
-    "evaluation/relative_pose/errors.py",
-    "commands/evaluate/measured_poses.py",
-    "stages/weights/pose_source.py",
-    "stages/weights/pose_weights.py",
-    "stages/training/seen_images.py",
-)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -67,8 +56,6 @@ def measured_poses(
             "weights": variant.source.digest,
             "floor": variant.floor,
             "images": digest_of_images(images),
-            "code": code_digest(POSE_CODE, _FILES),
-            "packages": versions(POSE_PACKAGES),
         },
     )
     cache = Disk(str(folder / CACHE))

@@ -1,12 +1,13 @@
-"""Run something over many items, in worker processes or in this one, and never twice over the same."""
+"""Measure many items, in worker processes or in this one, and keep the outcomes for the next run."""
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, Generic, Protocol, TypeVar
 
@@ -15,18 +16,20 @@ from rich.console import Console
 import rendezvous
 from rendezvous.engine.pool import Call, Engine, run_calls
 from rendezvous.engine.progress import meter
+from rendezvous.stages.weights.provenance import versions
 from rendezvous.store.disk import Disk
 from rendezvous.store.records import digest_of, json_bytes
 
 _CODE = Path(rendezvous.__path__[0])
+_PACKAGES = ("numpy", "scipy", "opencv-python-headless", "numba", "torch")
 _ITEMS_PER_CALL = 16
 
 
 class Kept(Protocol):
-    """An outcome that a cache can hold."""
+    """An outcome that the cache can hold."""
 
     def to_json(self) -> dict[str, Any]:
-        """Values as JSON holds them."""
+        """JSON values."""
 
 
 Item = TypeVar("Item")
@@ -34,13 +37,13 @@ ItemOut = TypeVar("ItemOut", covariant=True)
 
 
 class Items(Protocol[ItemOut]):
-    """Things that are counted, and read only when their turn comes."""
+    """A sequence whose items are read when they are needed."""
 
     def __len__(self) -> int:
-        """How many."""
+        """Number of items."""
 
     def __getitem__(self, number: int, /) -> ItemOut:
-        """One of them."""
+        """One item."""
 
 
 Outcome = TypeVar("Outcome", bound=Kept)
@@ -48,16 +51,17 @@ Outcome = TypeVar("Outcome", bound=Kept)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Measurement(Generic[Item, Outcome]):
-    """What is done with items.
+    """How items are measured.
 
     Attributes:
-        command: that does it, for what is told.
-        name: of what is measured; a file's name begins with it.
-        items_name: what to call the items.
-        measure: outcomes of some items, in their order; can be pickled.
-        from_json: an outcome of the values that it was kept as.
-        key: all that outcomes depend on, as JSON holds it.
-        in_this_process: where `measure` uses all cores itself, and cannot be pickled.
+        command: the user's, for messages.
+        name: what is measured; the cache file's name begins with it.
+        items_name: plural noun for the items.
+        measure: outcomes of some items, in order; can be pickled.
+        from_json: inverse of an outcome's `to_json`.
+        key: everything that outcomes depend on beside code and packages, as JSON values; empty if that is not
+            known: then outcomes are not kept.
+        in_this_process: `measure` uses all cores itself, or cannot be pickled.
     """
 
     command: str
@@ -77,15 +81,17 @@ def measured(
     workers: int,
     console: Console,
 ) -> tuple[Outcome, ...]:
-    """What becomes of each item; from the cache, if nothing that it depends on has changed.
+    """The outcome of each item, from the cache if nothing that it depends on has changed.
 
     Args:
-        measurement: what to do.
+        measurement: what to do with each.
         items: at least one.
-        cache: folder of what was measured before.
-        workers: processes; a single one is this one.
-        console: where to tell.
+        cache: folder of kept outcomes.
+        workers: processes; 1 means this one.
+        console: for progress and messages.
     """
+    if not measurement.key:
+        return _run(measurement, items, workers, console)
     name = f"{measurement.name}-{cache_key(measurement, workers=workers)[:16]}.json"
     if (kept := _kept(measurement, cache, name)) is not None:
         told = f"{measurement.command} {measurement.name}: {len(kept)} {measurement.items_name}"
@@ -97,21 +103,19 @@ def measured(
 
 
 def cache_key(measurement: Measurement[Item, Outcome], *, workers: int) -> str:
-    """Digest of all that outcomes depend on.
+    """Digest of everything that outcomes depend on.
 
-    Times are outcomes too, and workers that share cores change them.
+    Any change of the code makes a new one. Times are outcomes too, and workers that share cores change them.
     """
-    return digest_of({**measurement.key, "workers": workers})
+    return digest_of({**measurement.key, **_code_and_packages(), "workers": workers})
 
 
-def code_digest(rooms: Iterable[str], files: Iterable[str]) -> str:
-    """Of the source of some rooms and of further files, by their paths in the package."""
-    sources = {*(_CODE / name for name in files)}
-    for room in rooms:
-        sources |= {*(_CODE / room).rglob("*.py")}
-    return digest_of(
-        {str(path.relative_to(_CODE)): path.read_text(encoding="utf-8") for path in sorted(sources)}
-    )
+@cache
+def _code_and_packages() -> dict[str, Any]:
+    """Digest of all of this package's code, and versions of what it computes with."""
+    sources = {str(path.relative_to(_CODE)): path.read_bytes() for path in sorted(_CODE.rglob("*.py"))}
+    digests = {name: hashlib.sha256(source).hexdigest() for name, source in sources.items()}
+    return {"code": digest_of(digests), "packages": versions(_PACKAGES)}
 
 
 def _run(

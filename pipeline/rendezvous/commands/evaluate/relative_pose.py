@@ -12,7 +12,7 @@ import pandas as pd
 from rich.console import Console
 
 from rendezvous.commands.evaluate.measured_poses import PoseVariant, measured_poses
-from rendezvous.commands.evaluate.recorded_figures import FiguresFolder
+from rendezvous.commands.evaluate.recorded import RecordFolder
 from rendezvous.commands.evaluate.report_folder import PAGE, keep_evaluation, kept_metrics
 from rendezvous.errors import ConfigError, StoreError
 from rendezvous.evaluation.relative_pose.errors import PoseOutcome
@@ -99,7 +99,7 @@ def evaluate_pose(settings: PoseEvaluation) -> Path:
     conditions = image_conditions(
         images, settings.split, settings.seed, {"relative pose": source}, settings.console
     )
-    recorded = FiguresFolder.read(settings.records, PoseSummary, command="evaluate-pose")
+    recorded = RecordFolder.read(settings.records, RecordedFigures[PoseSummary], command="evaluate-pose")
     if settings.record:
         recorded.require_no_loss([variant.name for variant in variants], conditions)
     measured = {
@@ -231,7 +231,7 @@ def _content(
     images: Sequence[SeenImage],
     conditions: ImageConditions,
     measured: Mapping[str, tuple[pd.DataFrame, Sequence[PoseOutcome]]],
-    recorded: FiguresFolder[PoseSummary],
+    recorded: RecordFolder[RecordedFigures[PoseSummary]],
     settings: PoseEvaluation,
 ) -> PoseContent:
     found = {name: table for name, (table, _) in measured.items()}

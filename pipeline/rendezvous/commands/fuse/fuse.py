@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from rendezvous.alignment.window import PAPER_XY_M, PAPER_YAW_RAD
 from rendezvous.commands.fuse.arguments import require_one_sighting, require_sigma
 from rendezvous.commands.fuse.inputs import (
     CameraLike,
@@ -36,7 +35,7 @@ from rendezvous.geometry.se2 import SE2, Array
 from rendezvous.pose_estimation.pose_estimate import ImagePoseEstimator, RelativePose
 from rendezvous.robot_file import load_robot
 from rendezvous.simulation.robot import RobotSpec
-from rendezvous.stages.weights.estimators import Method, chosen_methods, trained
+from rendezvous.stages.weights.estimators import SelectedMethod, selected_matcher, trained
 from rendezvous.stages.weights.pose_source import PoseWeights, require_known_robot
 
 
@@ -203,7 +202,7 @@ def _pose_estimator(
     return weights.estimator(floor=True)
 
 
-def _refiner(refine: Refinement, matcher: Method | None) -> Refiner | None:
+def _refiner(refine: Refinement, matcher: SelectedMethod | None) -> Refiner | None:
     if matcher is None:
         return None if refine is Refinement.NONE else correlative_refiner
     try:
@@ -213,15 +212,14 @@ def _refiner(refine: Refinement, matcher: Method | None) -> Refiner | None:
     return matcher_refiner(estimator, with_prior=refine is Refinement.AUTO)
 
 
-def _matcher(refine: Refinement) -> Method | None:
+def _matcher(refine: Refinement) -> SelectedMethod | None:
     """The matcher and its weights, if it is used; its own search is not: the refiner sets it."""
     if not refine.needs_matcher:
         return None
-    (method,) = chosen_methods(("matcher",), {}, xy_range_m=PAPER_XY_M, yaw_range_rad=PAPER_YAW_RAD)
-    return method
+    return selected_matcher()
 
 
-def _used(matcher: Method | None, pose_weights: PoseWeights | None) -> dict[str, tuple[str, str]]:
+def _used(matcher: SelectedMethod | None, pose_weights: PoseWeights | None) -> dict[str, tuple[str, str]]:
     """File and SHA-256 of the networks' weights: those of `runs/`, or else the shipped ones."""
     used = {}
     if pose_weights is not None:

@@ -1,49 +1,49 @@
-"""What became of each pair under each method: estimates of the frame error beside the truth."""
+"""The outcome of each pair under each method, an estimate beside the truth; all of them as one tidy table."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+import pandas as pd
 
 from rendezvous.alignment.estimate import WRONG_M, WRONG_RAD, Estimate
 from rendezvous.alignment.frame_error import corrected, pose_difference
-from rendezvous.geometry.occupancy_grid import Mask
+from rendezvous.evaluation.json_record import FiniteOrNot, JsonRecord, OptionalArray, OptionalPose, Pose
 from rendezvous.geometry.se2 import SE2, Array
 from rendezvous.training.frame_error.pairs import MapPair
 from rendezvous.training.frame_error.perturbation import PerturbedPair
 
 SUCCESS_M, SUCCESS_RAD = 0.3, float(np.radians(3.0))
-"""An estimate within this of the truth is a success."""
+"""An estimate this close to the truth in both is a success."""
+
+OVERLAP_EDGES = (0.1, 0.25, 0.5)
+OVERLAP_BINS = ("< 0.1", "0.1–0.25", "0.25–0.5", "> 0.5")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Outcome:
+class Outcome(JsonRecord):
     """One method's estimate of one pair's frame error.
 
     Attributes:
-        pair_id: of the pair.
-        theta: the true frame error θ in the window frame.
+        pair_id: identifies the pair.
+        theta: the true frame error θ in the window's frame.
         theta_hat: the estimate θ̂; None if there is none.
-        covariance: (3, 3) that the method gives to the components of θ̂⁻¹ θ; None if it gives none.
-        degrees_of_freedom: of the t distribution that has this covariance; infinite: a normal one.
+        covariance: (3, 3) the method's own, of the components of θ̂⁻¹ θ; None if it gives none.
+        degrees_of_freedom: of the t distribution that has this covariance; infinite for a normal one.
         ambiguous: whether the method calls its own estimate so.
-        reason: why there is no estimate; empty if there is one.
+        reason: why there is no estimate; '' if there is one.
         log_density: of θ under the method's posterior [1 / (m² rad)]; None if it has no posterior.
-        meeting_error_m: from where T̂ = T_m0_m1 puts robot 1 to where it is.
+        meeting_error_m: distance from where T̂ = T_m0_m1 puts robot 1 to where it is.
         duration_s: of the estimate alone.
     """
 
     pair_id: str
-    theta: SE2
-    theta_hat: SE2 | None
-    covariance: Array | None
-    degrees_of_freedom: float
+    theta: Pose
+    theta_hat: OptionalPose
+    covariance: OptionalArray
+    degrees_of_freedom: FiniteOrNot
     ambiguous: bool
     reason: str
     log_density: float | None
@@ -52,42 +52,8 @@ class Outcome:
 
     @property
     def error(self) -> SE2:
-        """θ̂⁻¹ θ, which is as well the frame error that T̂ still has; without an estimate θ̂ is the identity."""
+        """θ̂⁻¹ θ, the frame error that T̂ still has; without an estimate θ̂ is the identity."""
         return pose_difference(self.theta_hat or SE2.identity(), self.theta)
-
-    def to_json(self) -> dict[str, Any]:
-        """Values as JSON holds them."""
-        return {
-            "pair_id": self.pair_id,
-            "theta": self.theta.as_array().tolist(),
-            "theta_hat": None if self.theta_hat is None else self.theta_hat.as_array().tolist(),
-            "covariance": None if self.covariance is None else self.covariance.tolist(),
-            "degrees_of_freedom": _none_if_infinite(self.degrees_of_freedom),
-            "ambiguous": self.ambiguous,
-            "reason": self.reason,
-            "log_density": self.log_density,
-            "meeting_error_m": self.meeting_error_m,
-            "duration_s": self.duration_s,
-        }
-
-    @staticmethod
-    def from_json(fields: Mapping[str, Any]) -> Outcome:
-        """Inverse of `to_json`."""
-        theta_hat, covariance = fields["theta_hat"], fields["covariance"]
-        tails = fields["degrees_of_freedom"]
-        return Outcome(
-            **{
-                **fields,
-                "theta": SE2.from_array(fields["theta"]),
-                "theta_hat": None if theta_hat is None else SE2.from_array(theta_hat),
-                "covariance": None if covariance is None else np.array(covariance),
-                "degrees_of_freedom": math.inf if tails is None else tails,
-            }
-        )
-
-
-def _none_if_infinite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
 
 
 def outcome(
@@ -98,14 +64,14 @@ def outcome(
     log_density: float | None = None,
     duration_s: float,
 ) -> Outcome:
-    """Set an estimate beside the truth.
+    """Compare an estimate with the truth.
 
     Args:
         estimate: what the method found in the sample's window.
         pair: the maps and their true transform.
         sample: the pair as the method saw it.
         log_density: of the true frame error, if the method has a posterior.
-        duration_s: how long the method took.
+        duration_s: time that the method took.
     """
     T_hat = corrected(sample.T_estimated, estimate.theta or SE2.identity(), sample.T_m0_v)
     found, true = T_hat @ pair.T_m1_r1, pair.T_m0_r1
@@ -123,94 +89,54 @@ def outcome(
     )
 
 
-@dataclass(frozen=True)
-class Outcomes:
-    """All outcomes of one method, as columns; N pairs in the order that all methods share."""
+def outcome_table(found: Mapping[str, Sequence[Outcome]], overlap: Array) -> pd.DataFrame:
+    """One row for each pair under each method; the index is the pair's number, from 0.
 
-    rows: tuple[Outcome, ...]
+    Columns: method, pair_id, overlap and `overlaps`, its bin; theta_hat (None: no estimate); x_m, y_m and
+    yaw_rad of θ̂⁻¹ θ, where a failure counts as θ̂ = identity, position_m, heading_rad of the same; failed (no
+    estimate), flagged (no estimate, or ambiguous by the method's own account), success (an estimate within
+    SUCCESS_M and SUCCESS_RAD), wrong (beyond WRONG_M or WRONG_RAD); covariance and degrees_of_freedom,
+    log_density (NaN: none), meeting_m, duration_s.
 
-    def __post_init__(self) -> None:
-        assert self.rows, "no pairs, nothing to measure"
-
-    def __len__(self) -> int:
-        return len(self.rows)
-
-    @cached_property
-    def error(self) -> Array:
-        """(N, 3) components x [m], y [m], yaw [rad] of θ̂⁻¹ θ; a failure counts as θ̂ = identity."""
-        return np.array([row.error.as_array() for row in self.rows])
-
-    @cached_property
-    def position_m(self) -> Array:
-        """(N,) distance of the error's x and y."""
-        return np.hypot(self.error[:, 0], self.error[:, 1])
-
-    @cached_property
-    def heading_rad(self) -> Array:
-        """(N,) absolute yaw of the error."""
-        return np.abs(self.error[:, 2])
-
-    @cached_property
-    def failed(self) -> Mask:
-        """(N,) where the method found no estimate."""
-        return np.array([row.theta_hat is None for row in self.rows])
-
-    @cached_property
-    def flagged(self) -> Mask:
-        """(N,) where the method found no estimate or calls it ambiguous."""
-        return self.failed | np.array([row.ambiguous for row in self.rows])
-
-    @cached_property
-    def success(self) -> Mask:
-        """(N,) where there is an estimate within SUCCESS_M and SUCCESS_RAD."""
-        return ~self.failed & (self.position_m <= SUCCESS_M) & (self.heading_rad <= SUCCESS_RAD)
-
-    @cached_property
-    def wrong(self) -> Mask:
-        """(N,) where the error exceeds WRONG_M or WRONG_RAD."""
-        return (self.position_m > WRONG_M) | (self.heading_rad > WRONG_RAD)
-
-    @cached_property
-    def covariance(self) -> Array:
-        """(N, 3, 3); NaN where there is none."""
-        missing = np.full((3, 3), np.nan)
-        return np.array([missing if row.covariance is None else row.covariance for row in self.rows])
-
-    @cached_property
-    def degrees_of_freedom(self) -> Array:
-        """(N,) of the distributions that have the covariances."""
-        return np.array([row.degrees_of_freedom for row in self.rows])
-
-    @cached_property
-    def log_density(self) -> Array:
-        """(N,) of the true frame error; NaN where there is no posterior."""
-        return np.array([np.nan if row.log_density is None else row.log_density for row in self.rows])
-
-    @cached_property
-    def meeting_error_m(self) -> Array:
-        """(N,) how far T̂ misplaces robot 1."""
-        return np.array([row.meeting_error_m for row in self.rows])
-
-    @cached_property
-    def duration_s(self) -> Array:
-        """(N,) of each estimate."""
-        return np.array([row.duration_s for row in self.rows])
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Pairs:
-    """What is known of the N pairs that all methods are measured on.
-
-    Attributes:
-        overlap: (N,) |known_0 ∩ known_1| / |known_0 ∪ known_1|.
-        plan: (N,) number of the floor plan of each.
+    Args:
+        found: outcomes by method, all of the same N pairs in the same order.
+        overlap: (N,) |known_0 ∩ known_1| / |known_0 ∪ known_1| of the pairs' maps.
     """
+    table = pd.concat({name: _columns(rows) for name, rows in found.items()}, names=["method"])
+    table = table.reset_index("method")
+    table.insert(2, "overlap", np.asarray(overlap)[table.index])
+    table.insert(3, "overlaps", overlap_bins(table["overlap"]))
+    table["position_m"] = np.hypot(table["x_m"], table["y_m"])
+    table["heading_rad"] = table["yaw_rad"].abs()
+    table["flagged"] = table["failed"] | table.pop("ambiguous")
+    near = (table["position_m"] <= SUCCESS_M) & (table["heading_rad"] <= SUCCESS_RAD)
+    table["success"] = ~table["failed"] & near
+    table["wrong"] = (table["position_m"] > WRONG_M) | (table["heading_rad"] > WRONG_RAD)
+    return table
 
-    overlap: Array
-    plan: NDArray[np.int64]
 
-    @staticmethod
-    def of(overlap: Array, plan_ids: Sequence[str]) -> Pairs:
-        """From the columns of the published table."""
-        _, plan = np.unique(np.array(plan_ids), return_inverse=True)
-        return Pairs(overlap=np.asarray(overlap, dtype=np.float64), plan=plan.astype(np.int64))
+def overlap_bins(overlap: pd.Series) -> pd.Series:
+    """The bin of `OVERLAP_BINS` of each overlap; an edge belongs to the bin above it."""
+    edges = [-np.inf, *OVERLAP_EDGES, np.inf]
+    return pd.cut(overlap, edges, right=False, labels=list(OVERLAP_BINS))
+
+
+def _columns(outcomes: Sequence[Outcome]) -> pd.DataFrame:
+    assert outcomes, "no pairs, nothing to measure"
+    x_m, y_m, yaw_rad = np.array([row.error.as_array() for row in outcomes]).T
+    return pd.DataFrame(
+        {
+            "pair_id": [row.pair_id for row in outcomes],
+            "theta_hat": pd.Series([row.theta_hat for row in outcomes], dtype=object),
+            "x_m": x_m,
+            "y_m": y_m,
+            "yaw_rad": yaw_rad,
+            "failed": [row.theta_hat is None for row in outcomes],
+            "ambiguous": [row.ambiguous for row in outcomes],
+            "covariance": pd.Series([row.covariance for row in outcomes], dtype=object),
+            "degrees_of_freedom": [row.degrees_of_freedom for row in outcomes],
+            "log_density": np.array([row.log_density for row in outcomes], dtype=np.float64),
+            "meeting_m": [row.meeting_error_m for row in outcomes],
+            "duration_s": [row.duration_s for row in outcomes],
+        }
+    )

@@ -1,16 +1,16 @@
-"""Fig. 6b of the paper: pairs as they lie, as they were given, and as each method puts them."""
+"""Fig. 6b of the paper: pairs as they truly lie, as methods saw them, and as each method places them."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
+import pandas as pd
 
 from rendezvous.alignment.frame_error import corrected
 from rendezvous.alignment.window import FREE_CELL, OCCUPIED_CELL, UNKNOWN_CELL, MapWindow, map_window
-from rendezvous.evaluation.frame_error.estimates import SUCCESS_M, SUCCESS_RAD, Outcomes, Pairs
+from rendezvous.evaluation.frame_error.estimates import SUCCESS_M, SUCCESS_RAD
 from rendezvous.evaluation.pictures.canvas import BLUE, INK, PAPER, RED, UNSEEN, Canvas, Colour, Image, View
 from rendezvous.evaluation.pictures.map_panels import BOTH, SEEN
 from rendezvous.geometry.se2 import SE2, Array
@@ -22,29 +22,32 @@ _MARGIN_M = 0.5
 _ROBOT_PX = 9.0
 _HEAT: Colour = (236, 122, 8)
 _FULL_HEAT = 4.0
-"""Times its even share of attention at which a place has full colour."""
+"""Multiple of its even share of attention at which a place has full colour."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Chosen:
-    """A pair that is shown, and why: its index among all."""
+    """A pair to show: its number, and why."""
 
     index: int
     why: str
 
 
-def chosen_pairs(reference: Outcomes, pairs: Pairs) -> list[Chosen]:
-    """The best, the median and the worst of one method, and its median among the tenth of least overlap.
+def chosen_pairs(reference: pd.DataFrame) -> list[Chosen]:
+    """The best, the median and the worst pair of one method, and its median in the tenth of least overlap.
 
     A pair that is two of these is shown once.
+
+    Args:
+        reference: the method's rows of an `outcome_table`.
     """
-    by_error = np.argsort(reference.position_m, kind="stable")
-    least = np.argsort(pairs.overlap, kind="stable")[: max(1, len(reference) // 10)]
-    low = least[np.argsort(reference.position_m[least], kind="stable")][len(least) // 2]
+    by_error = reference["position_m"].sort_values(kind="stable").index
+    least = reference["overlap"].sort_values(kind="stable").index[: max(1, len(reference) // 10)]
+    low = reference["position_m"][least].sort_values(kind="stable").index
     named = {
         "best": by_error[0],
         "median": by_error[len(by_error) // 2],
-        "low overlap": low,
+        "low overlap": low[len(low) // 2],
         "worst": by_error[-1],
     }
     shown: dict[int, str] = {}
@@ -60,7 +63,7 @@ class Panel:
     Attributes:
         name: `truth`, `input`, or a method's.
         image: (PANEL_PX, PANEL_PX, 3).
-        position_m, heading_rad: the error that is seen; None for the truth.
+        position_m, heading_rad: the error in the picture; None for the truth.
         failed: the method found no estimate, and the input is shown.
     """
 
@@ -88,41 +91,46 @@ class Shown:
     panels: tuple[Panel, ...]
 
 
-def panels(pair: MapPair, sample: PerturbedPair, found: Mapping[str, Outcomes], index: int) -> list[Panel]:
-    """Truth, input, and each method's correction of one pair, all in the axes of m0 and at one scale."""
-    T_m0_v, side_m = square_around(pair)
+def panels(pair: MapPair, sample: PerturbedPair, outcomes: pd.DataFrame) -> list[Panel]:
+    """Truth, input and each method's correction of one pair, all in the axes of m0 and at one scale.
+
+    Args:
+        pair: the maps and their true transform.
+        sample: the pair as the methods saw it.
+        outcomes: the rows of this pair in an `outcome_table`, one for each method that is shown.
+    """
+    square = square_around(pair)
     theta = sample.theta_v
     out = [
         Panel(
             name="truth",
-            image=overlay(pair, pair.T_m0_m1, T_m0_v, side_m),
+            image=overlay(pair, pair.T_m0_m1, *square),
             position_m=None,
             heading_rad=None,
         ),
         Panel(
             name="input",
-            image=overlay(pair, sample.T_estimated, T_m0_v, side_m),
+            image=overlay(pair, sample.T_estimated, *square),
             position_m=float(np.hypot(theta.x_m, theta.y_m)),
             heading_rad=abs(theta.yaw_rad),
         ),
     ]
-    for name, outcomes in found.items():
-        row = outcomes.rows[index]
+    for row in outcomes.itertuples():
         T_hat = corrected(sample.T_estimated, row.theta_hat or SE2.identity(), sample.T_m0_v)
         out.append(
             Panel(
-                name=name,
-                image=overlay(pair, T_hat, T_m0_v, side_m),
-                position_m=float(outcomes.position_m[index]),
-                heading_rad=float(outcomes.heading_rad[index]),
-                failed=row.theta_hat is None,
+                name=row.method,
+                image=overlay(pair, T_hat, *square),
+                position_m=row.position_m,
+                heading_rad=row.heading_rad,
+                failed=row.failed,
             )
         )
     return out
 
 
 def square_around(pair: MapPair) -> tuple[SE2, float]:
-    """Centre of the square that holds both maps as they truly lie, in m0, and its side [m]."""
+    """Centre, in m0, and side [m] of a square around both maps as they truly lie."""
     points_m = np.concatenate(
         [
             T @ grid.cell_centres(grid.known())
@@ -171,7 +179,7 @@ def _draw_robot(canvas: Canvas, view: View, T_v_r: SE2, colour: Colour) -> None:
 
 
 def attention_panel(window: MapWindow, attention: Array) -> Image:
-    """What a network looks at, laid over its window: places with more than an even share.
+    """A window with the places that get more than an even share of a network's attention.
 
     Args:
         window: both maps as it saw them.

@@ -1,17 +1,16 @@
-"""A method's figures together with what they were measured on: a row that can be kept and shown again."""
+"""A method's figures and what they were measured on: a row that can be recorded and shown again."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass
 from typing import Any
 
-from rendezvous.errors import StoreError
 from rendezvous.evaluation.frame_error.summary import Summary
 from rendezvous.evaluation.frame_error.training_curve import TrainingCurve, doubt
+from rendezvous.evaluation.json_record import JsonRecord
+from rendezvous.evaluation.report.recorded_figures import FORMAT
 
-_FORMAT = 1
 _LEARNED_SHARE = 0.8
 
 
@@ -21,13 +20,13 @@ class Conditions:
 
     Attributes:
         split: of the dataset.
-        pairs, plans: how many.
-        data_digest: of the pairs' content.
-        perturbation_digest: of the frame errors that were drawn.
-        seed: of them.
-        xy_range_m, yaw_range_deg: half widths from which they were drawn, uniformly.
-        commit: of the code; empty if that is not known.
-        hardware: where.
+        pairs, plans: their numbers.
+        data_digest: digest of the pairs' content.
+        perturbation_digest: digest of the frame errors that were drawn.
+        seed: of the frame errors.
+        xy_range_m, yaw_range_deg: half widths of their uniform distribution.
+        commit: of the code, or '' if unknown.
+        hardware: of the machine.
     """
 
     split: str
@@ -42,34 +41,38 @@ class Conditions:
     hardware: str
 
     def comparable(self, other: Conditions) -> bool:
-        """Whether split and range of the frame errors are the same, so that errors can stand in one table."""
+        """Whether split and range of the frame errors are equal, so that errors can stand in one table."""
         mine, others = ((c.split, c.xy_range_m, c.yaw_range_deg) for c in (self, other))
         return mine == others
 
     def same_pairs(self, other: Conditions) -> bool:
-        """Whether the very same pairs were measured, wrong by the same frame errors."""
+        """Whether the same pairs were measured with the same frame errors."""
         mine, others = ((c.split, c.data_digest, c.perturbation_digest) for c in (self, other))
         return mine == others
 
     def file_name(self, method: str) -> str:
-        """Under which a method's row is kept: the latest of each split and range."""
+        """The file that records the latest row of a method with this split and range."""
         split = "" if self.split == "test" else f"-{self.split}"
         return f"{method}-{self.xy_range_m:g}m-{self.yaw_range_deg:g}deg{split}.json"
+
+    @property
+    def measured_on(self) -> tuple[int, str]:
+        """How many of what."""
+        return self.pairs, "pairs"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Training:
-    """How a learned method came about.
+    """How a network was trained.
 
     Attributes:
         seed: of weights and samples.
-        samples: seen.
-        minutes: of training; None if no curve was found beside the weights.
+        samples: number seen.
+        minutes: of training; None without a curve.
         data: the dataset's folder, as it was called there.
-        pairs: to train on.
-        plans: they are from.
-        weights_digest: of the file.
-        curve: error against samples; None if none was found beside the weights.
+        pairs, plans: numbers of training pairs and of their floor plans.
+        weights_digest: SHA-256 of the file.
+        curve: error against samples; None if it was neither in the weights nor beside them.
     """
 
     seed: int
@@ -83,28 +86,34 @@ class Training:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class MeasuredRow:
+class MeasuredRow(JsonRecord):
     """One method under some conditions.
 
     Attributes:
         method: its name.
         conditions: what it was measured on.
         summary: its figures.
-        training: None for what is not learned.
-        plans_trained_on: how many of the measured floor plans it was trained on; None if that is not known,
-            or if it is not learned.
+        training: None for a method without weights.
+        plans_trained_on: how many of the measured floor plans it was trained on; None if unknown, or if the
+            method has no weights.
     """
 
     method: str
     conditions: Conditions
-    summary: Summary
     training: Training | None
+    # Rows recorded before this was counted do not have it.
     plans_trained_on: int | None = None
+    summary: Summary
+
+    @property
+    def name(self) -> str:
+        """The method's name."""
+        return self.method
 
     @property
     def not_learned(self) -> tuple[str, ...]:
-        """Of `position` and `heading`, whose mean error is not well below that of answering zero: half of the
-        range's half width."""
+        """Those of `position` and `heading` whose mean error is not well below that of answering zero, which
+        is half of the range's half width."""
         x_m, y_m, yaw_rad = (mean.value for mean in self.summary.overall.mean)
         zero_m, zero_rad = 0.5 * self.conditions.xy_range_m, math.radians(0.5 * self.conditions.yaw_range_deg)
         errors = {"position": (0.5 * (x_m + y_m), zero_m), "heading": (yaw_rad, zero_rad)}
@@ -112,7 +121,7 @@ class MeasuredRow:
 
     @property
     def doubts(self) -> tuple[str, ...]:
-        """Reasons to doubt the figures of a learned method, in words."""
+        """Reasons to doubt the figures of a network, in words."""
         if self.training is None:
             return ()
         known, plans = self.plans_trained_on, self.conditions.plans
@@ -121,44 +130,5 @@ class MeasuredRow:
         return tuple(filter(None, (missed or doubt(self.training.curve), trained)))
 
     def to_json(self) -> dict[str, Any]:
-        """Values as JSON holds them."""
-        training = None
-        if self.training is not None:
-            told = {field.name: getattr(self.training, field.name) for field in fields(Training)}
-            training = {**told, "curve": self.training.curve and self.training.curve.to_json()}
-        return {
-            "format": _FORMAT,
-            "method": self.method,
-            "conditions": asdict(self.conditions),
-            "training": training,
-            "plans_trained_on": self.plans_trained_on,
-            "summary": self.summary.to_json(),
-        }
-
-    @staticmethod
-    def from_json(values: Mapping[str, Any], *, where: str) -> MeasuredRow:
-        """Inverse of `to_json`.
-
-        Raises:
-            StoreError: these are not the values of a row.
-        """
-        try:
-            if values["format"] != _FORMAT:
-                raise StoreError(f"{where}: a recorded row of format {values['format']}; must be {_FORMAT}")
-            training = values["training"]
-            if training is not None:
-                curve = training["curve"]
-                training = Training(**{**training, "curve": curve and TrainingCurve.from_json(curve)})
-            return MeasuredRow(
-                method=values["method"],
-                conditions=Conditions(**values["conditions"]),
-                summary=Summary.from_json(values["summary"]),
-                training=training,
-                # Rows that were recorded before this was counted have no such key.
-                plans_trained_on=values.get("plans_trained_on"),
-            )
-        except (KeyError, TypeError, ValueError, AttributeError) as error:
-            raise StoreError(
-                f"{where}: no recorded row ({error}); delete it, and `rendezvous evaluate --record` makes it "
-                "anew"
-            ) from error
+        """JSON values, with the format."""
+        return {"format": FORMAT, **JsonRecord.to_json(self)}

@@ -7,18 +7,20 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+import pandas as pd
+
 from rendezvous.alignment.estimate import WRONG_M, WRONG_RAD
 from rendezvous.evaluation import statistics
 from rendezvous.evaluation.frame_error import symmetry
 from rendezvous.evaluation.frame_error.charts import calibration_chart, cdf_chart, curve_chart, scatter_chart
-from rendezvous.evaluation.frame_error.estimates import SUCCESS_M, SUCCESS_RAD, Outcomes, Pairs
+from rendezvous.evaluation.frame_error.estimates import SUCCESS_M, SUCCESS_RAD
 from rendezvous.evaluation.frame_error.gallery import Panel, Shown
 from rendezvous.evaluation.frame_error.measured_row import Conditions, MeasuredRow
-from rendezvous.evaluation.frame_error.summary import OVERLAP_BINS, Comparison, ranking
+from rendezvous.evaluation.frame_error.summary import Comparison, ranking
 from rendezvous.evaluation.frame_error.symmetry import Symmetry
-from rendezvous.evaluation.frame_error.table_one import ABLATION, PAPER, PaperRow, title
 from rendezvous.evaluation.frame_error.training_curve import STILL_FALLING
 from rendezvous.evaluation.report.page import ReportPart, render_part
+from rendezvous.methods import Method
 
 if TYPE_CHECKING:
     from markupsafe import Markup
@@ -32,9 +34,9 @@ class FrameErrorContent:
 
     Attributes:
         conditions: of this run's measurements.
-        found: outcomes of the methods measured in this run, by name.
+        methods: the shipped methods and those that the user added, by name, in the order of tables.
+        outcomes: the `outcome_table` of this run.
         rows: figures by method, measured in this run or recorded, in the order of tables.
-        pairs: what was measured on.
         symmetry: errors on symmetric scenes; None where frame errors are too small for them to matter.
         comparisons: the best method of this run against each other one.
         gallery: pairs that are drawn.
@@ -44,9 +46,9 @@ class FrameErrorContent:
     """
 
     conditions: Conditions
-    found: Mapping[str, Outcomes]
+    methods: Mapping[str, Method]
+    outcomes: pd.DataFrame
     rows: Mapping[str, MeasuredRow]
-    pairs: Pairs
     symmetry: Symmetry | None
     comparisons: Sequence[Comparison]
     gallery: Sequence[Shown]
@@ -55,39 +57,42 @@ class FrameErrorContent:
     versions: Mapping[str, str]
 
     @property
+    def measured(self) -> list[str]:
+        """Methods of this run, in the order of tables."""
+        return list(self.outcomes["method"].unique())
+
+    @property
     def table_one(self) -> list[str]:
         """Names of the paper's rows, whether or not there are figures for them."""
-        return [row.name for row in ABLATION]
+        return [name for name, method in self.methods.items() if method.row is not None]
 
     @property
     def ranked(self) -> list[str]:
-        """Methods measured in this run, the smallest mean position error first."""
-        return ranking(self.found)
+        """Methods of this run, the smallest mean position error first."""
+        return ranking(self.outcomes)
 
     @property
     def best(self) -> list[str]:
-        """The measured method with the smallest mean |x|, |y|, |yaw|, and with the most successes."""
-        overall = {name: self.rows[name].summary.overall for name in self.found}
-        means = [min(overall, key=lambda name, k=k: overall[name].mean[k].value) for k in range(3)]
-        return [*means, max(overall, key=lambda name: overall[name].success.value)]
+        """The methods of this run with the smallest mean |x|, |y| and |yaw|, and the most successes."""
+        rows = self.outcomes.set_index("method")
+        means = rows[["x_m", "y_m", "yaw_rad"]].abs().groupby(level=0, sort=False).mean().idxmin()
+        return [*means, rows.groupby(level=0, sort=False)["success"].mean().idxmax()]
 
     @property
-    def best_by_overlap(self) -> list[str | None]:
-        """The measured method with the smallest mean position error in each bin of overlap."""
-        bins = zip(*(self.rows[name].summary.by_overlap for name in self.found), strict=True)
-        there = [
-            {name: found.position_m.value for name, found in zip(self.found, row, strict=True) if found}
-            for row in bins
-        ]
-        return [min(errors, key=lambda name, e=errors: e[name], default=None) for errors in there]
+    def best_by_overlap(self) -> dict[str, str]:
+        """By bin, the method of this run with the smallest mean position error in it."""
+        means = self.outcomes.pivot_table(
+            "position_m", "overlaps", "method", aggfunc="mean", observed=True, sort=False
+        )
+        return dict(means.idxmin(axis="columns"))
 
     @property
     def overlap_bins(self) -> list[tuple[str, int]]:
         """Headings of the bins of overlap, each over three columns."""
-        sizes = self.rows[next(iter(self.found))].summary.by_overlap
+        sizes = self.rows[self.measured[0]].summary.by_overlap
         return [
             (f"overlap {label}, {f'{found.count} pairs' if found else 'none'}", 3)
-            for label, found in zip(OVERLAP_BINS, sizes, strict=True)
+            for label, found in sizes.items()
         ]
 
     @property
@@ -95,7 +100,7 @@ class FrameErrorContent:
         """What the part was made from."""
         c = self.conditions
         weights = [
-            (f"weights of {title(name)}", row.training.weights_digest)
+            (f"weights of {self.title(name)}", row.training.weights_digest)
             for name, row in self.rows.items()
             if row.training is not None
         ]
@@ -111,18 +116,14 @@ class FrameErrorContent:
         ]
 
     def title(self, name: str) -> str:
-        """A method's title, or a picture's."""
-        return title(name)
-
-    def paper(self, name: str) -> PaperRow | None:
-        """The row of the paper's Table I that stands beside a method's."""
-        return PAPER.get(name)
+        """A method's title."""
+        return self.methods[name].title
 
     def remarks(self, name: str) -> list[str]:
         """What a row was measured on, where that is not this run, and how its method was trained."""
         row, remarks = self.rows[name], []
         c = row.conditions
-        if name not in self.found:
+        if name not in self.measured:
             here = self.conditions
             other = "" if c.same_pairs(here) else f", not the {here.pairs:,} of {here.split} measured here"
             commit = f", commit {c.commit[:9]}" if c.commit else ""
@@ -167,9 +168,10 @@ def _charts(content: FrameErrorContent) -> dict[str, Markup | None]:
         for name, row in content.rows.items()
         if row.training is not None and row.training.curve is not None
     }
+    outcomes, methods = content.outcomes, content.methods
     return {
-        "scatter": scatter_chart(content.found, content.pairs),
-        "cdf": cdf_chart(content.found),
-        "calibration": calibration_chart(content.found),
-        "curves": curve_chart(curves),
+        "scatter": scatter_chart(outcomes, methods),
+        "cdf": cdf_chart(outcomes, methods),
+        "calibration": calibration_chart(outcomes, methods),
+        "curves": curve_chart(curves, methods),
     }

@@ -1,30 +1,31 @@
-"""Scenes that look much the same once turned, where maps alone hardly tell one heading from another."""
+"""Scenes that look much the same when turned, where maps alone hardly distinguish headings."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import cv2
 import numpy as np
+import pandas as pd
 from scipy import fft
 
-from rendezvous.evaluation.frame_error.estimates import Outcomes
-from rendezvous.evaluation.frame_error.summary import Accuracy, accuracy, without_nan
+from rendezvous.evaluation.frame_error.summary import Accuracy, accuracy
+from rendezvous.evaluation.json_record import JsonRecord
 from rendezvous.geometry.occupancy_grid import Mask, OccupancyGrid
 from rendezvous.geometry.se2 import Array
 
 SYMMETRIC_SHARE = 0.6
-"""A map is called symmetric from this share on. What a robot has seen repeats in part only: of 150 test pairs
-half are above 0.42, 6 reach this, and none reaches 0.85."""
+"""The least share of a symmetric map. What a robot has seen repeats only in part: of 150 test pairs half are
+above 0.42, 6 reach this, and none reaches 0.85."""
 TOLERANCE_M = 0.10
 WIDE_RANGE_DEG = 90.0
 """Frame errors of a smaller range cannot confuse a map with itself turned."""
 
 
 def turn_symmetry(grid: OccupancyGrid, *, tolerance_m: float = TOLERANCE_M) -> float:
-    """The share of a map's walls that come to lie on its walls once it is turned; at best, in [0, 1].
+    """The largest share of a map's walls, in [0, 1], that lie on its walls after a turn.
 
     Turns are of 90, 180 and 270 degrees about any point. A square room has 1, a map without walls 0.
 
@@ -44,7 +45,7 @@ def turn_symmetry(grid: OccupancyGrid, *, tolerance_m: float = TOLERANCE_M) -> f
 
 
 def _most_overlap(near: Mask, walls: Mask) -> float:
-    """How many walls lie on a mask at most, over all shifts."""
+    """The largest number of walls that lie on a mask, over all shifts."""
     shape = [fft.next_fast_len(a + b - 1, real=True) for a, b in zip(near.shape, walls.shape, strict=True)]
     # A convolution with the walls upside down is their correlation.
     counts = fft.irfft2(fft.rfft2(near, shape) * fft.rfft2(walls[::-1, ::-1], shape), shape)
@@ -52,7 +53,7 @@ def _most_overlap(near: Mask, walls: Mask) -> float:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Apart:
+class Apart(JsonRecord):
     """Errors on pairs with a symmetric map and on the others; None where there are none."""
 
     symmetric: Accuracy | None
@@ -61,7 +62,7 @@ class Apart:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Symmetry:
-    """How symmetric the measured pairs are, and what methods make of them.
+    """How symmetric the measured pairs are, and the errors of methods on them.
 
     Attributes:
         share: (N,) `turn_symmetry` of each pair's map 1.
@@ -72,21 +73,19 @@ class Symmetry:
     methods: Mapping[str, Apart]
 
     @staticmethod
-    def of(share: Array, found: Mapping[str, Outcomes], weights: Array) -> Symmetry:
-        """From outcomes of N pairs by method, and (R, N) weights of the resamples."""
-        symmetric = share >= SYMMETRIC_SHARE
-        methods = {
-            name: Apart(
-                symmetric=accuracy(outcomes, symmetric, weights) if symmetric.any() else None,
-                others=accuracy(outcomes, ~symmetric, weights) if not symmetric.all() else None,
+    def of(share: Array, outcomes: pd.DataFrame, weights: Array) -> Symmetry:
+        """From an `outcome_table` of N pairs, and (R, N) weights of the resamples."""
+        methods = {}
+        for name, rows in outcomes.groupby("method", sort=False):
+            symmetric = share[rows.index] >= SYMMETRIC_SHARE
+            methods[str(name)] = Apart(
+                symmetric=_accuracy(rows[symmetric], weights), others=_accuracy(rows[~symmetric], weights)
             )
-            for name, outcomes in found.items()
-        }
         return Symmetry(share=share, methods=methods)
 
     @property
     def count(self) -> int:
-        """Pairs with a symmetric map."""
+        """Number of pairs with a symmetric map."""
         return int((self.share >= SYMMETRIC_SHARE).sum())
 
     @property
@@ -95,6 +94,10 @@ class Symmetry:
         return float(np.median(self.share))
 
     def to_json(self) -> dict[str, Any]:
-        """Values as JSON holds them."""
-        methods = {name: without_nan(asdict(apart)) for name, apart in self.methods.items()}
+        """JSON values."""
+        methods = {name: apart.to_json() for name, apart in self.methods.items()}
         return {"symmetric_share": SYMMETRIC_SHARE, "symmetric_pairs": self.count, "methods": methods}
+
+
+def _accuracy(rows: pd.DataFrame, weights: Array) -> Accuracy | None:
+    return accuracy(rows, weights) if len(rows) else None

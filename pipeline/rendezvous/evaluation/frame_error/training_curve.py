@@ -1,38 +1,38 @@
-"""Error against training samples, and whether training had come to its end."""
+"""Error against training samples, and whether training had converged."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
+from rendezvous.evaluation.json_record import Column, JsonRecord
 from rendezvous.geometry.se2 import Array
 
 STILL_FALLING = 0.05
-"""A validation error that fell by more than this share over the last quarter of the samples still falls."""
+"""An error that fell by more than this share over the last quarter of the samples is still falling."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class TrainingCurve:
-    """What validation found while one model was trained.
+class TrainingCurve(JsonRecord):
+    """Validation errors while one model was trained.
 
     Attributes:
-        samples: (P,) seen.
+        samples: (P,) seen so far.
         position_m: (P,) mean absolute error in x and in y, averaged.
         yaw_rad: (P,) mean absolute error in heading.
-        minutes: of training, in all.
+        minutes: of training in total.
     """
 
-    samples: Array
-    position_m: Array
-    yaw_rad: Array
+    samples: Column
+    position_m: Column
+    yaw_rad: Column
     minutes: float
 
     @staticmethod
     def from_points(points: Sequence[Mapping[str, float]]) -> TrainingCurve:
-        """From the points that `train` writes."""
+        """From the points of `curve.json`, which `train` writes."""
         xy_m = [(point["error_x_m"], point["error_y_m"]) for point in points]
         return TrainingCurve(
             samples=np.array([point["samples"] for point in points], dtype=np.float64),
@@ -43,10 +43,10 @@ class TrainingCurve:
 
     @property
     def converged(self) -> bool | None:
-        """Whether the error has all but stopped to fall; None where there are too few points to tell.
+        """Whether the error has all but stopped falling; None if there are too few points to say.
 
-        The median point of the last quarter of the samples against that of the quarter before, of two points
-        the lower one: at some points a single pair on which the model fails raises the mean by half.
+        Compares the median over the last quarter of the samples with that over the quarter before, the lower
+        of the two middle points: at some points a single failed pair raises the mean by half.
         """
         if len(self.samples) < 4:
             return None
@@ -59,26 +59,9 @@ class TrainingCurve:
             for error in (self.position_m, self.yaw_rad)
         )
 
-    def to_json(self) -> dict[str, Any]:
-        """Values as JSON holds them."""
-        return {
-            "samples": self.samples.tolist(),
-            "position_m": self.position_m.tolist(),
-            "yaw_rad": self.yaw_rad.tolist(),
-            "minutes": self.minutes,
-        }
-
-    @staticmethod
-    def from_json(fields: Mapping[str, Any]) -> TrainingCurve:
-        """Inverse of `to_json`."""
-        columns = {
-            name: np.array(fields[name], dtype=np.float64) for name in ("samples", "position_m", "yaw_rad")
-        }
-        return TrainingCurve(**columns, minutes=float(fields["minutes"]))
-
 
 def doubt(curve: TrainingCurve | None) -> str:
-    """What there is to say against a row with such a curve, in words; empty if training came to its end."""
+    """Reason to doubt a row with such a curve, in words; '' if training converged."""
     converged = None if curve is None else curve.converged
     if converged is None:
         return "convergence not known"

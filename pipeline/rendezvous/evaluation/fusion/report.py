@@ -10,8 +10,7 @@ import pandas as pd
 from markupsafe import Markup
 
 from rendezvous.alignment.estimate import WRONG_M, WRONG_RAD
-from rendezvous.evaluation.frame_error.estimates import SUCCESS_M, SUCCESS_RAD
-from rendezvous.evaluation.frame_error.summary import OVERLAP_BINS
+from rendezvous.evaluation.frame_error.estimates import OVERLAP_BINS, SUCCESS_M, SUCCESS_RAD
 from rendezvous.evaluation.fusion.gallery import FusionShown
 from rendezvous.evaluation.fusion.paper_scenario import PAPER_OVERLAP
 from rendezvous.evaluation.fusion.runs import (
@@ -30,16 +29,10 @@ from rendezvous.evaluation.report.page import ReportPart, render_part
 from rendezvous.evaluation.report.recorded_figures import ImageConditions, RecordedFigures
 from rendezvous.evaluation.report.violins import Component, violin_chart
 from rendezvous.geometry.se2 import SE2
+from rendezvous.methods import REFINEMENTS
 
 KEY = "fusion"
-TITLES = {
-    NONE: "Relative pose only",
-    "hough": "+ Hough",
-    "orb": "+ ORB",
-    "correlative": "+ correlative search",
-    "learned": "+ learned matcher",
-    "auto": "+ learned, told the pose's covariance",
-}
+TITLES = {name: way.title for name, way in REFINEMENTS.items()}
 _COMPONENTS = (
     Component(column="position_m", name="position", unit="m", axis=(0.0, 0.5)),
     Component(column="heading_deg", name="heading", unit="°", axis=(0.0, 5.0)),

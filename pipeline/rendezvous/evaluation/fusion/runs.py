@@ -17,6 +17,7 @@ from rendezvous.fusion.sighted_pose import SightedPose, sighted_pose
 from rendezvous.fusion.system import fuse_maps
 from rendezvous.geometry.occupancy_grid import OccupancyGrid
 from rendezvous.geometry.se2 import SE2
+from rendezvous.methods import REFINEMENTS
 from rendezvous.pose_estimation.pose_estimate import RelativePose
 from rendezvous.training.frame_error.pairs import MapPair
 
@@ -25,11 +26,8 @@ SOURCES = (ESTIMATED, TRUE)
 """Sources of the relative pose: read from the image, or the true one."""
 
 NONE, AUTO = "none", "auto"
-METHODS = (NONE, "hough", "orb", "correlative", "learned", AUTO)
+METHODS = tuple(REFINEMENTS)
 """Ways to refine T̃, in the order of tables."""
-
-NEEDS_COVARIANCE = (AUTO,)
-"""Methods that use the pose's covariance, which the true pose has not."""
 
 FusionRun = tuple[str, str]
 """A source of the relative pose, and a way to refine T̃."""
@@ -99,7 +97,7 @@ def runs_of(methods: tuple[str, ...]) -> tuple[FusionRun, ...]:
         (source, method)
         for source in SOURCES
         for method in METHODS
-        if method in methods and not (source == TRUE and method in NEEDS_COVARIANCE)
+        if method in methods and not (source == TRUE and REFINEMENTS[method].needs_covariance)
     )
 
 

@@ -10,8 +10,7 @@ import numpy as np
 import pandas as pd
 
 from rendezvous.alignment.estimate import WRONG_M, WRONG_RAD
-from rendezvous.evaluation.frame_error.estimates import SUCCESS_M, SUCCESS_RAD
-from rendezvous.evaluation.frame_error.summary import OVERLAP_BINS, OVERLAP_EDGES
+from rendezvous.evaluation.frame_error.estimates import OVERLAP_BINS, OVERLAP_EDGES, SUCCESS_M, SUCCESS_RAD
 from rendezvous.evaluation.fusion.runs import FusionOutcome, RendezvousOutcome
 from rendezvous.evaluation.relative_pose.summary import Share, Tail
 from rendezvous.geometry.se2 import Array

@@ -1,19 +1,38 @@
-"""Figures of what works on images, with what they were measured on: kept, and shown again."""
+"""Figures with what they were measured on: recorded as JSON, and shown again by later reports."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, Protocol, TypeVar
 
 from pydantic import TypeAdapter, ValidationError
 
 from rendezvous.errors import StoreError
-from rendezvous.evaluation.frame_error.summary import without_nan
+from rendezvous.evaluation.json_record import without_nan
 
-_FORMAT = 1
+FORMAT = 1
+"""Of the files of recorded rows."""
 
 Figures = TypeVar("Figures")
+
+
+class Recordable(Protocol):
+    """A row that can be recorded."""
+
+    @property
+    def name(self) -> str:
+        """Of the method or variant."""
+
+    @property
+    def conditions(self) -> Any:
+        """What it was measured on: `split`, `measured_on` and `file_name(name)`."""
+
+    def to_json(self) -> dict[str, Any]:
+        """JSON values, with the format."""
+
+
+Row = TypeVar("Row", bound=Recordable)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -22,14 +41,14 @@ class ImageConditions:
 
     Attributes:
         split: of the dataset.
-        images, plans: how many.
-        data_digest: of the images' ids and content.
+        images, plans: their numbers.
+        data_digest: digest of the images' ids and content.
         seed: of the draw of images.
-        weights: digests of the files of weights, by what they are of.
+        weights: SHA-256 of the weights' files, by what they are of.
         trained_on: how many of the measured floor plans the weights were trained on, by what they are of;
-            None where they do not tell.
-        commit: of the code; empty if that is not known.
-        hardware: where.
+            None if unknown.
+        commit: of the code, or '' if unknown.
+        hardware: of the machine.
     """
 
     split: str
@@ -41,6 +60,15 @@ class ImageConditions:
     trained_on: dict[str, int | None]
     commit: str
     hardware: str
+
+    def file_name(self, name: str) -> str:
+        """The file that records the latest figures of a variant on this split."""
+        return f"{name}{'' if self.split == 'test' else f'-{self.split}'}.json"
+
+    @property
+    def measured_on(self) -> tuple[int, str]:
+        """How many of what."""
+        return self.images, "images"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -57,48 +85,29 @@ class RecordedFigures(Generic[Figures]):
     conditions: ImageConditions
     figures: Figures
 
-    @property
-    def file_name(self) -> str:
-        """Under which it is kept: the latest of each split."""
-        split = "" if self.conditions.split == "test" else f"-{self.conditions.split}"
-        return f"{self.name}{split}.json"
-
     def to_json(self) -> dict[str, Any]:
-        """Values as JSON holds them."""
-        figures: Any = self.figures
-        return {
-            "format": _FORMAT,
-            "name": self.name,
-            "conditions": asdict(self.conditions),
-            "figures": without_nan(asdict(figures)),
-        }
+        """JSON values; NaN and infinity become null."""
+        return {"format": FORMAT, **without_nan(asdict(self))}
 
 
-def recorded_from_json(
-    values: Mapping[str, Any], kind: type[Figures], *, where: str, command: str
-) -> RecordedFigures[Figures]:
-    """Inverse of `RecordedFigures.to_json`.
+def read_recorded(values: Mapping[str, Any], kind: type[Row], *, where: str, command: str) -> Row:
+    """Inverse of a row's `to_json`.
 
     Args:
-        values: as JSON holds them.
-        kind: of figures.
-        where, command: for messages: the file, and what writes it anew.
+        values: JSON values.
+        kind: of the row, such as `RecordedFigures[PoseSummary]`.
+        where, command: for messages: the file, and the command that writes it.
 
     Raises:
-        StoreError: these are not such figures.
+        StoreError: `values` is not such a row.
     """
     remedy = f"delete it, and `rendezvous {command} --record` makes it anew"
+    fields = dict(values)
+    if (found := fields.pop("format", None)) != FORMAT:
+        raise StoreError(f"{where}: recorded figures of format {found}; must be {FORMAT}; {remedy}")
     try:
-        if values["format"] != _FORMAT:
-            raise StoreError(f"{where}: figures of format {values['format']}; must be {_FORMAT}; {remedy}")
-        return RecordedFigures(
-            name=str(values["name"]),
-            conditions=TypeAdapter(ImageConditions).validate_python(values["conditions"]),
-            figures=TypeAdapter(kind).validate_python(values["figures"]),
-        )
-    except (KeyError, TypeError) as error:
-        raise StoreError(f"{where}: no recorded figures ({error}); {remedy}") from error
+        return TypeAdapter(kind).validate_python(fields)
     except ValidationError as error:
-        told = error.errors()[0]
-        place = ".".join(str(key) for key in told["loc"])
-        raise StoreError(f"{where}: no recorded figures ({place}: {told['msg']}); {remedy}") from error
+        first = error.errors()[0]
+        place = ".".join(str(key) for key in first["loc"])
+        raise StoreError(f"{where}: no recorded figures ({place}: {first['msg']}); {remedy}") from error

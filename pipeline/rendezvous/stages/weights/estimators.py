@@ -1,27 +1,23 @@
-"""Estimators of the frame error by name: those without a network, and trained ones from their weights.
+"""Methods that are ready to be used: with the search they run over, and a network with its weights.
 
-PyTorch is imported only where a trained one is asked for.
+PyTorch is imported only where a network is asked for.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
-from rendezvous.alignment.estimate import FrameErrorEstimator
-from rendezvous.alignment.window import SearchRange
-from rendezvous.baselines.correlative import CorrelativeSearch
-from rendezvous.baselines.hough import HoughSpectrum
-from rendezvous.baselines.identity import Identity
-from rendezvous.baselines.orb import OrbRansac
+from rendezvous.alignment.window import DEFAULT_SEARCH, SearchRange
 from rendezvous.errors import ConfigError, StoreError, needs_extra
 from rendezvous.evaluation.frame_error.measured_row import Training
-from rendezvous.evaluation.frame_error.table_one import LEARNED, METHODS, model_of
 from rendezvous.evaluation.frame_error.training_curve import TrainingCurve
+from rendezvous.methods import Method, installed_methods, method_at
 from rendezvous.resources import WEIGHTS
 from rendezvous.store.disk import Disk
 
@@ -30,115 +26,116 @@ if TYPE_CHECKING:
 
 RUNS = Path("runs")
 CURVE = "curve.json"
-"""Beside weights that do not tell their curve themselves, as `train` leaves it, or NAME.curve.json."""
+"""The training curve beside weights that do not hold it themselves; `train` writes it, or NAME.curve.json."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Method:
-    """One method that is to be measured.
+class SelectedMethod:
+    """A method that is to be used, with all it needs.
 
     Attributes:
-        name: of `METHODS`.
-        search: where to look for the frame error, for those that search.
-        weights: of a trained one; None for the others.
+        method: from the registry.
+        search: where to look for the frame error, for methods that search.
+        weights: file of a network's weights; None for a method without.
     """
 
-    name: str
+    method: Method
     search: SearchRange
     weights: Path | None = None
 
     @property
-    def learned(self) -> bool:
-        """Whether it needs weights."""
-        return self.name in LEARNED
+    def name(self) -> str:
+        """The method's name."""
+        return self.method.name
 
     def weights_digest(self) -> str:
-        """Of the file; empty for a method without."""
+        """SHA-256 of the weights file, or '' if the method has none."""
         return "" if self.weights is None else hashlib.sha256(_bytes(self.weights)).hexdigest()
 
 
-def chosen_methods(
-    names: tuple[str, ...], weights: Mapping[str, Path], *, xy_range_m: float, yaw_range_rad: float
-) -> list[Method]:
+def select_methods(
+    names: Sequence[str],
+    weights: Mapping[str, Path],
+    *,
+    search: SearchRange,
+    own: Mapping[str, Method] = MappingProxyType({}),
+) -> list[SelectedMethod]:
     """The methods to measure, in the order of tables.
 
     Args:
-        names: of `METHODS`; none for all that need no weights or have some.
-        weights: where those of some methods lie; for the others `runs/NAME`, then the shipped ones.
-        xy_range_m, yaw_range_rad: half widths of the frame errors.
+        names: of shipped or installed methods, of `own`, or `package.module:Class`; none for all that need no
+            weights or whose weights are found.
+        weights: files of some networks' weights; the others are looked for in `runs/NAME`, then among the
+            shipped ones.
+        search: from which frame errors are drawn.
+        own: further methods by name; they always run.
 
     Raises:
-        ConfigError: there is no such method, or no weights for it.
+        ConfigError: a method or the weights for it do not exist, or it has no weights.
     """
-    for name in (*names, *weights):
-        if name not in METHODS:
-            raise ConfigError(f"method {name!r} is unknown; must be one of {', '.join(METHODS)}")
+    at_paths = [method_at(name, number=number) for number, name in enumerate(n for n in names if ":" in n)]
+    known = {**installed_methods(), **{method.name: method for method in at_paths}, **own}
+    asked = {*(name for name in names if ":" not in name), *(method.name for method in at_paths), *own}
+    for name in (*asked, *weights):
+        if name not in known:
+            raise ConfigError(f"method {name!r} is unknown; must be one of {', '.join(known)}")
     for name in weights:
-        if name not in LEARNED:
+        if not known[name].needs_weights:
+            learned = ", ".join(method.name for method in known.values() if method.needs_weights)
+            raise ConfigError(f"--weights {name}=...: {name} has no weights; those have: {learned}")
+    selected = []
+    for name, method in known.items():
+        path = weights.get(name) or weights.get(method.model) or _found_weights(method)
+        lacks_weights = method.needs_weights and path is None
+        if name in asked and lacks_weights:
+            places = " or ".join(str(place) for place in _weight_places(method))
             raise ConfigError(
-                f"--weights {name}=...: {name} has no weights; those have: {', '.join(LEARNED)}"
+                f"{name}: no weights in {places}; `rendezvous train --model {method.model}` makes them, "
+                f"--weights {name}=PATH names others"
             )
-    search = SearchRange.covering(xy_m=xy_range_m, yaw_rad=yaw_range_rad)
-    out = []
-    for name in METHODS:
-        path = weights.get(name) or weights.get(model_of(name)) or _found_weights(name)
-        if name in names and name in LEARNED and path is None:
-            places = " or ".join(str(place) for place in _weight_places(name))
-            raise ConfigError(
-                f"{name}: no weights in {places}; `rendezvous train --model {model_of(name)}` makes "
-                f"them, --weights {name}=PATH names others"
-            )
-        runs_unasked = path is not None or name not in LEARNED
-        if name in names or (not names and runs_unasked):
-            out.append(Method(name=name, search=search, weights=path))
-    return out
+        if name in asked or (not names and not lacks_weights):
+            selected.append(SelectedMethod(method=method, search=search, weights=path))
+    return selected
 
 
-def baseline(method: Method) -> FrameErrorEstimator:
-    """A method without a network."""
-    match method.name:
-        case "identity":
-            return Identity()
-        case "hough":
-            return HoughSpectrum(search=method.search)
-        case "hough-global":
-            return HoughSpectrum()
-        case "orb":
-            return OrbRansac()
-        case _:
-            assert method.name == "correlative", method.name
-            return CorrelativeSearch(search=method.search)
+def selected_matcher() -> SelectedMethod:
+    """The matcher with its weights from `runs/matcher`, or else the shipped ones.
+
+    Raises:
+        ConfigError: there are none.
+    """
+    (matcher,) = select_methods(("matcher",), {}, search=DEFAULT_SEARCH)
+    return matcher
 
 
-def trained(method: Method, *, threads: int) -> Trained:
-    """A method with a network, from its weights.
+def trained(selected: SelectedMethod, *, threads: int) -> Trained:
+    """The network of a method, from its weights.
 
     Raises:
         SetupError: PyTorch is not installed.
         StoreError: the weights are missing or damaged.
         ConfigError: they are another model's.
     """
-    with needs_extra("fuse", method.name):
+    with needs_extra("learn", selected.name):
         from rendezvous.stages.weights.trained_estimators import load
-    assert method.weights is not None
-    return load(
-        _bytes(method.weights), method.name, method.search, where=str(method.weights), threads=threads
-    )
+    assert selected.weights is not None
+    data, where = _bytes(selected.weights), str(selected.weights)
+    return load(data, selected.name, selected.search, where=where, threads=threads)
 
 
-def training_of(method: Method, record: Mapping[str, Any]) -> Training:
+def training_of(selected: SelectedMethod, record: Mapping[str, Any]) -> Training:
     """How a trained method came about.
 
     Args:
-        method: with weights.
+        selected: with weights.
         record: what the weights' file tells of it.
 
     Raises:
         StoreError: the curve beside the weights is damaged, or the record is of something else.
     """
-    assert method.weights is not None
+    assert selected.weights is not None
     try:
-        curve = _curve(method.weights, record)
+        curve = _curve(selected.weights, record)
         data = record["data"]
         return Training(
             seed=record["seed"],
@@ -147,12 +144,12 @@ def training_of(method: Method, record: Mapping[str, Any]) -> Training:
             data=data["folder"],
             pairs=data["pairs"]["train"],
             plans=data["plans"]["train"],
-            weights_digest=method.weights_digest(),
+            weights_digest=selected.weights_digest(),
             curve=curve,
         )
     except (KeyError, TypeError) as error:
         raise StoreError(
-            f"{method.weights}: does not tell how it was trained ({error}); must be what train writes"
+            f"{selected.weights}: does not tell how it was trained ({error}); must be what train writes"
         ) from error
 
 
@@ -190,15 +187,14 @@ def _curve(weights: Path, record: Mapping[str, Any]) -> TrainingCurve | None:
         raise StoreError(f"{path}: no curve of a training run ({error}); train writes it anew") from error
 
 
-def _found_weights(name: str) -> Path | None:
-    return next((place for place in _weight_places(name) if place.is_file()), None)
+def _found_weights(method: Method) -> Path | None:
+    return next((place for place in _weight_places(method) if place.is_file()), None)
 
 
-def _weight_places(name: str) -> tuple[Path, ...]:
-    if name not in LEARNED:
+def _weight_places(method: Method) -> tuple[Path, ...]:
+    if not method.needs_weights:
         return ()
-    model = model_of(name)
-    return RUNS / model / "weights.safetensors", WEIGHTS / f"{model}.safetensors"
+    return RUNS / method.model / "weights.safetensors", WEIGHTS / f"{method.model}.safetensors"
 
 
 def _bytes(path: Path) -> bytes:

@@ -6,6 +6,7 @@ import os
 import platform
 import subprocess
 from collections.abc import Iterable
+from contextlib import suppress
 from importlib import metadata
 from pathlib import Path
 
@@ -13,7 +14,7 @@ from rendezvous.resources import IN_CHECKOUT, ROOT
 
 
 def commit() -> str:
-    """Of the code, if it is in a git checkout; marked if files differ from it."""
+    """The code's commit, marked if files differ from it; '' outside a git checkout."""
     if not IN_CHECKOUT:
         return ""
     git = ["git", "-C", str(ROOT), "describe", "--always", "--abbrev=40", "--exclude=*", "--dirty=+changes"]
@@ -24,7 +25,7 @@ def commit() -> str:
 
 
 def hardware() -> str:
-    """E.g. `2 cores of Intel(R) Xeon(R) CPU @ 2.20GHz`."""
+    """Cores and processor, such as `2 cores of Intel(R) Xeon(R) CPU @ 2.20GHz`."""
     cores, model = len(os.sched_getaffinity(0)), platform.processor() or platform.machine()
     info = Path("/proc/cpuinfo")
     if info.is_file():
@@ -36,5 +37,9 @@ def hardware() -> str:
 
 
 def versions(packages: Iterable[str]) -> dict[str, str]:
-    """Of installed packages, by name."""
-    return {name: metadata.version(name) for name in packages}
+    """Versions of those of the packages that are installed, by name."""
+    found = {}
+    for name in packages:
+        with suppress(metadata.PackageNotFoundError):
+            found[name] = metadata.version(name)
+    return found

@@ -14,8 +14,8 @@ from pydantic import TypeAdapter, ValidationError
 from rendezvous.alignment.estimate import Estimate, FrameErrorEstimator
 from rendezvous.alignment.window import WINDOW_CELL_M, WINDOW_CELLS, MapWindow, SearchRange
 from rendezvous.errors import ConfigError
-from rendezvous.evaluation.frame_error.table_one import model_of
 from rendezvous.geometry.se2 import SE2, Array
+from rendezvous.methods import METHODS
 from rendezvous.models.frame_error_network import FrameErrorViT, attention_rollout, input_grid
 from rendezvous.models.matcher_calibration import MatcherCalibration
 from rendezvous.models.matcher_estimator import MatcherEstimator
@@ -93,7 +93,7 @@ def load(data: bytes, name: str, search: SearchRange, *, where: str, threads: in
     """
     found = read_checkpoint(data, where=where)
     record = found.record
-    kind = model_of(name)
+    kind = METHODS[name].model
     if record.get("model") != kind:
         raise ConfigError(f"{where}: weights of {record.get('model')!r}; must be those of {kind!r}")
     torch.set_num_threads(threads)

@@ -20,10 +20,11 @@ from rendezvous.models.frame_error_network import (
     input_grid,
     output_pose,
 )
-from rendezvous.models.losses import ABLATION_ROWS, AblationRow, frame_error_loss
+from rendezvous.models.losses import frame_error_loss
 from rendezvous.models.matcher import Matcher, MatcherConfig
 from rendezvous.models.matcher_estimator import MatcherEstimator
 from rendezvous.models.matcher_loss import LossSampling, matcher_loss
+from rendezvous.models.table_one import ABLATION_ROWS, AblationRow
 from rendezvous.training.frame_error.data import Batch
 from rendezvous.training.model import CurvePoint, TrainableModel
 from rendezvous.training.parameters import Sampling
