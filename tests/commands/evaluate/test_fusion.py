@@ -117,7 +117,7 @@ def test_without_a_matcher_the_learned_methods_are_left_out_unless_asked_for(
     def none() -> None:
         raise ConfigError("matcher: no weights")
 
-    monkeypatch.setattr(stage, "_matcher", none)
+    monkeypatch.setattr(stage, "selected_matcher", none)
     source = ToySource.of(images)
     metrics, told = _evaluated(data, tmp_path, source, methods=(), count=1)
     assert "learned, auto left out: matcher: no weights" in told
