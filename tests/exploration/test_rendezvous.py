@@ -100,6 +100,17 @@ def test_a_pole_hides_what_is_behind_it() -> None:
     seen = view(pose, obstacles(circles=[[1.0, 0.0, 0.02, 0.0, 1.0]]))
     assert seen is not None
     assert seen.visible_fraction == approx(18 / 26)
-    beside = view(pose, obstacles(circles=[[1.0, 0.5, 0.02, 0.0, 1.0]]))
-    assert beside is not None
-    assert beside.visible_fraction == 1.0
+
+
+@pytest.mark.parametrize(
+    "circle",
+    [
+        [1.0, 0.5, 0.02, 0.0, 1.0],  # beside the line of sight
+        [1.0, 0.0, 0.4, 0.72, 0.75],  # a round table top above it
+        [1.0, 0.0, 0.02, 0.0, 0.04],  # below it
+    ],
+)
+def test_a_cylinder_off_the_line_of_sight_hides_nothing(circle: list[float]) -> None:
+    seen = view(SE2(2.0, 0.0, 0.0), obstacles(circles=[circle]))
+    assert seen is not None
+    assert seen.visible_fraction == 1.0

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import json
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 from rendezvous.floorplan.generate import generate_floorplan
+from rendezvous.floorplan.houseexpo import parse_floorplan
 from rendezvous.floorplan.records import Floorplan
 from rendezvous.robot_file import load_robot
 from rendezvous.seeds import stream
@@ -28,6 +31,13 @@ def plan_of(
         outline_m=np.array(outline, dtype=np.float64),
         holes_m=tuple(np.array(hole, dtype=np.float64) for hole in holes),
     )
+
+
+def genuine(real_data: Path) -> list[Floorplan]:
+    """HouseExpo's plans, as they are read; there are some."""
+    files = sorted((real_data / "houseexpo").glob("*.json"))
+    assert files
+    return [parse_floorplan(json.loads(file.read_text()), source=file.name) for file in files]
 
 
 @cache

@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import hashlib
 import io
-import json
 import os
 import subprocess
 import sys
@@ -13,14 +12,13 @@ import pytest
 import shapely
 import trimesh
 from rendezvous.floorplan.furnish import furnish
-from rendezvous.floorplan.houseexpo import parse_floorplan
 from rendezvous.floorplan.records import Floorplan, Shape, Solid
 from rendezvous.floorplan.scene import floorplan_scene, glb
 from rendezvous.floorplan.validate import validated
 from rendezvous.floorplan.walls import wall_polygon
 from rendezvous.seeds import stream
 
-from tests.floorplan.plans import RADIUS_M, TWO_ROOMS, generated, plan_of
+from tests.floorplan.plans import RADIUS_M, TWO_ROOMS, generated, genuine, plan_of
 
 HASH_OF_A_SCENE = """
 import hashlib
@@ -43,7 +41,7 @@ def check_closed(plan: Floorplan, scene: trimesh.Scene, height_m: float) -> None
     assert scene.geometry["walls"].volume == pytest.approx(wall_m2 * height_m, rel=1e-6)
 
 
-@pytest.mark.parametrize("index", range(25))
+@pytest.mark.parametrize("index", range(10))
 def test_meshes_are_watertight_and_hold_their_volume(index: int):
     plan = generated(index)
     solids = furnish(plan, stream(0, "scene", index), density=1.0, robot_radius_m=RADIUS_M)
@@ -53,10 +51,8 @@ def test_meshes_are_watertight_and_hold_their_volume(index: int):
 
 
 def test_meshes_of_genuine_plans_are_watertight(real_data: Path):
-    for file in sorted((real_data / "houseexpo").glob("*.json")):
-        plan = validated(
-            parse_floorplan(json.loads(file.read_text()), source=file.name), robot_radius_m=RADIUS_M
-        )
+    for read in genuine(real_data):
+        plan = validated(read, robot_radius_m=RADIUS_M)
         check_closed(plan, floorplan_scene(plan, (), height_m=2.0), 2.0)
 
 
@@ -101,7 +97,7 @@ def test_glb_has_the_same_bytes_in_every_process():
         plan, furnish(plan, stream(0, "scene"), density=1.0, robot_radius_m=RADIUS_M), height_m=2.5
     )
     here = hashlib.sha256(glb(scene)).hexdigest()
-    for hash_seed in ("1", "2"):
+    for hash_seed in ("1",):
         there = subprocess.run(
             [sys.executable, "-c", HASH_OF_A_SCENE],
             env={**os.environ, "PYTHONHASHSEED": hash_seed},

@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -9,11 +8,10 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from rendezvous.errors import FloorplanError
-from rendezvous.floorplan.houseexpo import parse_floorplan
 from rendezvous.floorplan.records import Floorplan
 from rendezvous.floorplan.validate import FloorplanLimits, reachable_space, start_regions, validated
 
-from tests.floorplan.plans import RADIUS_M, TWO_ROOMS, generated, plan_of
+from tests.floorplan.plans import RADIUS_M, TWO_ROOMS, generated, genuine, plan_of
 
 AREA_M2 = 8.0 * 4.0 - 0.1 * (4.0 - 0.9)
 
@@ -174,8 +172,7 @@ def test_start_regions_are_disjoint_reachable_and_clear_of_walls(index: int):
 
 
 def test_genuine_plans_pass(real_data: Path):
-    for file in sorted((real_data / "houseexpo").glob("*.json")):
-        read = parse_floorplan(json.loads(file.read_text()), source=file.name)
+    for read in genuine(real_data):
         plan = validated(read, robot_radius_m=RADIUS_M)
         assert len(start_regions(plan, robot_radius_m=RADIUS_M)) >= 4
         # Nothing moves by more than the pixels that the outline was traced on.

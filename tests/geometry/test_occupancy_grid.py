@@ -35,7 +35,19 @@ def test_the_first_cell_lies_inside_the_origin_corner() -> None:
 
 
 def test_outside_the_grid_all_is_unknown() -> None:
-    assert grid_of([[FREE]]).sample(np.array([[-0.1, 0.1], [0.1, 0.1]])).tolist() == [UNKNOWN, FREE]
+    grid = grid_of([[FREE] * 3] * 2)
+    inside = np.array([[0.0, 0.0], [1.49, 0.1], [0.1, 0.99]])
+    outside = np.array([[-0.01, 0.1], [0.1, -0.01], [1.5, 0.1], [0.1, 1.0], [9.0, 9.0]])
+    assert (grid.sample(inside) == FREE).all()
+    assert (grid.sample(outside) == UNKNOWN).all()
+
+
+def test_cropping_takes_the_margin_only_where_the_grid_has_it() -> None:
+    cells = np.full((6, 8), UNKNOWN, np.uint8)
+    cells[0, 7] = FREE
+    cropped = grid_of(cells).cropped(margin_cells=2)
+    assert cropped.cells.shape == (3, 3)
+    assert cropped.T_m_g == SE2(2.5, 0.0, 0.0)
 
 
 def test_the_png_has_the_largest_y_on_top_and_comes_back() -> None:
@@ -77,3 +89,10 @@ def test_overlap_of_shifted_squares_is_analytic() -> None:
     assert overlap(square, square, SE2(50.0, 0.0, 0.0)) == 0.0
     empty = grid_of(np.full((10, 10), UNKNOWN))
     assert overlap(empty, empty, SE2.identity()) == 0.0
+
+
+def test_overlap_of_maps_of_two_resolutions_is_that_of_their_areas() -> None:
+    coarse = grid_of(np.full((4, 4), FREE), resolution_m=0.5)
+    fine = grid_of(np.full((10, 10), FREE), resolution_m=0.1)
+    assert overlap(coarse, fine, SE2.identity()) == approx(1.0 / 4.0)
+    assert overlap(fine, coarse, SE2.identity()) == approx(1.0 / 4.0)

@@ -118,6 +118,25 @@ def test_encoders_read_in_steps_with_a_scale_of_their_own() -> None:
     assert np.std(scales) == approx(0.01, rel=0.2)
 
 
+def test_each_wheel_has_a_scale_of_its_own() -> None:
+    noise = OdometryNoise(scale_sigma=0.01, jitter_rad=0.0, tick_rad=1e-6)
+    scale = 1.0 + 0.01 * np.random.default_rng(7).standard_normal(2)
+    read = Encoder(noise, rng=np.random.default_rng(7)).read((1000.0, 2000.0))
+    assert read == approx((1000.0 * scale[0], 2000.0 * scale[1]), abs=1e-3)
+
+
+def test_without_slip_planar_wheels_roll_along_the_chord_of_each_arc() -> None:
+    spec, world = burger(), physics(SE2(1.0, 2.0, 0.3), drive=Drive.PLANAR)
+    before = world.poses_w()
+    world._poses_w[0] = (
+        SE2(1.0, 2.0, 0.3) @ SE2(0.5 * math.sin(0.8), 0.5 * (1 - math.cos(0.8)), 0.8)
+    ).as_array()
+    world._turn_planar_wheels(before)
+    chord_m, half_turn_m = math.sin(0.4), 0.5 * spec.wheels.track_m * 0.8
+    rolled_m = np.array(world.wheels_rad(0)) * spec.wheels.radius_m
+    assert rolled_m == approx([chord_m - half_turn_m, chord_m + half_turn_m])
+
+
 def test_the_same_commands_give_the_same_bits() -> None:
     first = driven(physics(SE2(1.0, 2.0, 0.5)), (0.15, 0.7), 5.0)
     second = driven(physics(SE2(1.0, 2.0, 0.5)), (0.15, 0.7), 5.0)

@@ -160,6 +160,49 @@ def test_what_moved_away_is_forgotten() -> None:
     assert mapper.grid().sample(np.array([1.02, 0.02])) == FREE
 
 
+def test_however_often_it_was_free_a_cell_becomes_occupied_soon() -> None:
+    mapper = OccupancyMapper(extent_m=2.0, parameters=MappingParameters())
+    origin, yes, no = np.full((1, 2), 0.02), np.ones(1, bool), np.zeros(1, bool)
+    for _ in range(1000):
+        mapper.integrate(np.array([[0.72, 0.02]]), origin, yes, no, np.zeros(3))
+    for _ in range(6):
+        assert mapper.grid().sample(np.array([0.52, 0.02])) != OCCUPIED
+        mapper.integrate(np.array([[0.52, 0.02]]), origin, yes, no, np.zeros(3))
+    assert mapper.grid().sample(np.array([0.52, 0.02])) == OCCUPIED
+
+
+def test_a_scan_counts_once_in_a_cell_however_many_of_its_beams_end_there() -> None:
+    p = MappingParameters()
+    mapper = OccupancyMapper(extent_m=2.0, parameters=p)
+    points, origins = np.tile([0.52, 0.02], (9, 1)), np.full((9, 2), 0.02)
+    mapper.integrate(points, origins, np.ones(9, bool), np.zeros(9, bool), np.zeros(3))
+    log_odds, _ = mapper.window()
+    assert log_odds.max() == approx(p.hit)
+    assert log_odds.min() == approx(p.miss)
+    assert mapper.known_area_m2() == approx(p.resolution_m**2)  # one miss does not make a cell free
+
+
+def test_the_prior_weighs_each_part_of_the_pose_by_its_own_sigma() -> None:
+    """One point sees its wall 2 cm too near; y and yaw, a lever of 1 m, share that by their variances."""
+    p = MatchParameters()
+    wall = SurfaceMap(extent_m=20.0, cell_m=p.cell_m, same_side=p.same_side, max_weight=p.max_weight)
+    normal, sigma_m = np.array([[0.0, -1.0]]), np.full(1, 0.01)
+    wall.insert(np.array([[1.0, 1.02]]), normal, sigma_m, np.zeros(3))
+    for travelled, ratio in (
+        ((0.0, 0.0, 0.0), p.prior_xy_m / p.prior_yaw_rad),
+        ((0.3, 0.4, 0.0), (p.prior_xy_m + p.prior_xy_per_m * 0.5) / p.prior_yaw_rad),
+        ((0.0, 0.0, -0.5), p.prior_xy_m / (p.prior_yaw_rad + p.prior_yaw_per_rad * 0.5)),
+    ):
+        pose, used = match_scan(
+            wall, np.array([[1.0, 1.0]]), normal, sigma_m, np.zeros(3),
+            travelled=np.array(travelled), parameters=replace(p, iterations=20),
+        )  # fmt: skip
+        assert used == 1
+        assert pose[0] == approx(0.0, abs=1e-4)
+        assert pose[1] > 0.0
+        assert pose[1] / pose[2] == approx(ratio**2, rel=0.1)
+
+
 def test_a_map_smaller_than_the_world_keeps_what_it_can() -> None:
     mapper = OccupancyMapper(extent_m=2.0, parameters=MappingParameters())
     for _ in range(3):
