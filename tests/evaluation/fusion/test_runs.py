@@ -93,18 +93,6 @@ def test_a_robot_that_is_not_found_makes_no_map_but_counts(meeting):
     assert figures.overall.iou_mean is None
 
 
-def test_verdicts_are_counted_against_the_errors(meeting):
-    pair, true = meeting
-    poses = [read_as(mode(true)), read_as(mode(true @ SE2(1.0, 0.0, 0.0), sigma=0.001)), read_as()]
-    found = [run_rendezvous(pair, true, pose, {"none": None}) for pose in poses]
-    figures = _figures(found, 0.3)
-    assert figures.overall.success.count == 1
-    assert figures.accepted.of == 3
-    assert figures.wrong_accepted.count + figures.wrong_uncertain.count == 1
-    assert figures.wrong_accepted.of + figures.wrong_uncertain.of == 2
-    assert set(figures.by_overlap) == {"0.25–0.5"}
-
-
 def test_with_the_true_pose_there_is_no_covariance_to_tell():
     runs = runs_of(("auto", "none", "learned"))
     assert runs == (
