@@ -15,7 +15,7 @@ from rendezvous.schema import SOLIDS_TYPE, Column, TableSchema
 RING_TYPE = pa.list_(pa.list_(pa.float64(), 2))
 ROOMS_TYPE = pa.list_(pa.struct([("category", pa.string()), ("box_m", pa.list_(pa.float64(), 4))]))
 
-# One column a line, however long: the block reads as the table that it is.
+# One column a line, however long, so that the block reads as a table.
 # ruff: noqa: E501
 _PLAN = (
     Column(name="plan_id", type=pa.string(), about="Name of the floor plan."),
@@ -42,7 +42,7 @@ MESHES = TableSchema(
         *_PLAN,
         Column(name="wall_height_m", type=pa.float64(), unit="m", about="Height of the walls."),
         Column(name="walls", type=SOLIDS_TYPE, unit="m, rad", about="One box per wall face, for physics and rays."),
-        Column(name="furniture", type=SOLIDS_TYPE, unit="m, rad", about="Example furniture; every episode draws its own."),
+        Column(name="furniture", type=SOLIDS_TYPE, unit="m, rad", about="Example furniture; each episode draws its own."),
         Column(name="glb", type=pa.binary(), about="Floor and walls as watertight meshes in a binary glTF file."),
         Column(name="glb_furnished", type=pa.binary(), about="The same with the example furniture."),
         Column(name="mjcf", type=pa.string(), about="The furnished plan with two robots in it; opens in MuJoCo's viewer as it is."),
@@ -51,7 +51,7 @@ MESHES = TableSchema(
 
 
 def plan_row(plan: Floorplan) -> dict[str, Any]:
-    """The columns that say what a plan is; inverse of `plan_of`."""
+    """A plan as columns; inverse of `plan_of`."""
     return {
         "plan_id": plan.plan_id,
         "plan_digest": plan.digest(),
@@ -62,7 +62,7 @@ def plan_row(plan: Floorplan) -> dict[str, Any]:
 
 
 def plan_of(row: Mapping[str, Any]) -> Floorplan:
-    """The plan that a row describes."""
+    """The plan in a row."""
     return Floorplan(
         plan_id=row["plan_id"],
         outline_m=np.array(row["outline_m"]),
@@ -72,7 +72,7 @@ def plan_of(row: Mapping[str, Any]) -> Floorplan:
 
 
 PLAN_COLUMNS = tuple(column.name for column in _PLAN)
-"""What `plan_of` reads."""
+"""The columns that `plan_of` reads."""
 
 
 def solid_rows(solids: Sequence[Solid]) -> list[dict[str, Any]]:
@@ -81,5 +81,5 @@ def solid_rows(solids: Sequence[Solid]) -> list[dict[str, Any]]:
 
 
 def solids_of(rows: Sequence[Mapping[str, Any]]) -> tuple[Solid, ...]:
-    """The solids that rows describe."""
+    """The solids in rows of `SOLIDS_TYPE`."""
     return tuple(Solid(**{**row, "shape": Shape(row["shape"])}) for row in rows)

@@ -1,4 +1,4 @@
-"""Robot files: `assets/robots/<name>/robot.yaml`, or one's own."""
+"""Robot files: `assets/robots/NAME/robot.yaml`, or the user's own."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def load_robot(robot: str) -> RobotSpec:
         robot: the name of one in `assets/robots`, or the path of a robot file.
 
     Raises:
-        ConfigError: there is none, or it has an unknown key or a wrong value.
+        ConfigError: there is no such file, or it has an unknown key or a wrong value.
     """
     path = _robot_file(robot)
     if not path.is_file():
@@ -34,7 +34,7 @@ def load_robot(robot: str) -> RobotSpec:
 
 
 def load_robot_model(robot: str) -> bytes:
-    """Read the binary glTF file of what a robot looks like, which lies beside its robot file.
+    """Read the binary glTF model beside a robot file.
 
     Raises:
         ConfigError: there is none.

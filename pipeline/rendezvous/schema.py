@@ -1,9 +1,9 @@
-"""The tables of the dataset: column names, Arrow types, units, meaning. Nothing else knows them.
+"""The tables of the dataset, defined only here: column names, Arrow types, units and meanings.
 
-`explore` writes rows of `EXPLORE`, `render` takes their pictures, rows of `VIEWS`, and training images, rows
-of `POSES`; `pack` publishes sightings with their pictures as `PAIRS`, and `POSES`. Frames: w the floor plan,
-m0 and m1 the robots' maps (each one's true start pose), r0 and r1 the robots on the floor between their
-wheels, c the observer's camera (OpenCV axes), o the centre of the seen robot's cuboid.
+`explore` writes `EXPLORE`; `render` writes their images, `VIEWS`, and training images, `POSES`; `pack`
+publishes `PAIRS` (sightings with their images) and `POSES`. Frames: w the floor plan, m0 and m1 the robots'
+maps (their true start poses), r0 and r1 the robots on the floor between their wheels, c the observer's camera
+(OpenCV axes), o the centre of the seen robot's cuboid.
 """
 
 from __future__ import annotations
@@ -20,7 +20,9 @@ from rendezvous.geometry.cuboid import CUBOID_CORNER_SIGNS as CUBOID_CORNER_SIGN
 from rendezvous.geometry.se2 import SE2, Array
 
 SCHEMA_VERSION = 2
-"""Raised whenever a column changes its name, type, unit or meaning."""
+"""Raised when a column changes its name, type, unit or meaning, for readers of published files.
+
+What is made again does not depend on it: shards depend on the columns themselves."""
 
 SE2_TYPE = pa.list_(pa.float64(), 3)
 SE3_TYPE = pa.list_(pa.float64(), 16)
@@ -49,7 +51,7 @@ _SHAPES: dict[pa.DataType, tuple[int, ...]] = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Column:
-    """One column: what it is called, how it is stored, in which unit, and what it says."""
+    """One column."""
 
     name: str
     type: pa.DataType
@@ -60,15 +62,15 @@ class Column:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TableSchema:
-    """One table's columns, in order."""
+    """One table."""
 
     name: str
     columns: tuple[Column, ...]
 
     def arrow(self) -> pa.Schema:
-        """The Arrow schema, with the features that let Hugging Face `datasets` show images as images.
+        """The Arrow schema, with metadata that lets Hugging Face `datasets` decode images.
 
-        Every field is nullable for Arrow: `datasets` matches its features only against nullable fields.
+        Every Arrow field is nullable, because `datasets` accepts no others.
         """
         images = {c.name: {"_type": "Image"} for c in self.columns if c.type == IMAGE_TYPE}
         metadata = {
@@ -81,13 +83,13 @@ class TableSchema:
         """The rows as an Arrow table.
 
         Args:
-            rows: one mapping per row, column name to value. An SE(2) pose is an `SE2` or (3,) array, an
-                SE(3) pose (4, 4), `K` (3, 3), a trajectory an (N, 4) array of t, x, y, yaw, an image its
-                encoded bytes, a size (3,), solids a list of mappings. Nullable columns may be left out.
+            rows: values by column name. An SE(2) pose is an `SE2` or a (3,) array, an SE(3) pose (4, 4), `K`
+                (3, 3), a trajectory (N, 4) of t, x, y, yaw, an image its encoded bytes, a size (3,), solids a
+                list of mappings. Nullable columns may be left out.
 
         Raises:
-            ValueError: a column is missing or unknown, or a value has the wrong type or shape or is not
-                finite; says which row and column.
+            ValueError: a column is missing or unknown, or a value is not finite or has the wrong type or
+                shape; says which row and column.
         """
         names = {c.name for c in self.columns}
         for i, row in enumerate(rows):
@@ -101,21 +103,21 @@ class TableSchema:
         return pa.Table.from_arrays(arrays, schema=schema)
 
     def rows(self, table: pa.Table) -> list[dict[str, Any]]:
-        """Inverse of `table`: `SE2`, arrays and bytes again; only the columns that the table has."""
+        """Inverse of `table`, for the columns that the table has: `SE2`, arrays and bytes."""
         present = [c for c in self.columns if c.name in table.column_names]
         values = {c.name: [_natural(v, c) for v in table[c.name].to_pylist()] for c in present}
         return [dict(zip(values, row, strict=True)) for row in zip(*values.values(), strict=True)]
 
 
 def _checked(value: Any, column: Column, row: int) -> Any:
-    """The value as Arrow takes it."""
+    """The value in the form that Arrow takes."""
     where = f"row {row}, column {column.name}"
     if value is None:
         if not column.nullable:
             raise ValueError(f"{where}: missing; the column must have a value")
         return None
     if column.type in _SHAPES:
-        # A point of the cuboid that is behind the camera has no place in the image: NaN.
+        # A point of the cuboid behind the camera is NaN.
         finite = column.type != CUBOID_TYPE
         array = _floats(value, _SHAPES[column.type], where, finite=finite)
         return array.reshape(_stored_shape(column.type)).tolist()
@@ -163,7 +165,7 @@ def _natural(value: Any, column: Column) -> Any:
 
 
 def _each_robot(name: str, type_: pa.DataType, unit: str, about: str) -> Iterable[Column]:
-    """One column for each robot; `{i}` stands for the robot in name and description."""
+    """One column for each robot; `{i}` in name and description becomes the robot's number."""
     for i in "01":
         yield Column(name=name.replace("{i}", i), type=type_, unit=unit, about=about.replace("{i}", i))
 
@@ -171,11 +173,11 @@ def _each_robot(name: str, type_: pa.DataType, unit: str, about: str) -> Iterabl
 _POSE = "m, m, rad"
 _TRAJECTORY = "s, m, m, rad"
 
-# One column a line, however long: the block reads as the table that it is.
+# One column a line, however long, so that the block reads as a table.
 # ruff: noqa: E501
 _IDENTITY = (
     Column(name="pair_id", type=pa.string(), about="Unique name of this row: the event and its observer."),
-    Column(name="event_id", type=pa.string(), about="The meeting; its two rows share it if both robots see each other."),
+    Column(name="event_id", type=pa.string(), about="The rendezvous; its two rows share it if both robots see each other."),
     Column(name="episode_id", type=pa.string(), about="The exploration of one plan from one pair of starts."),
     Column(name="observer", type=pa.int32(), about="Which robot of the episode, 0 or 1, is this row's robot 0."),
     Column(name="plan_id", type=pa.string(), about="Name of the floor plan."),
@@ -183,7 +185,7 @@ _IDENTITY = (
     Column(name="seed", type=pa.int64(), about="The run's root seed."),
     Column(name="t_s", type=pa.float64(), unit="s", about="Simulated time of the sighting, since the robots started."),
     Column(name="drive", type=pa.string(), about="How the robots were driven: `wheels` or `planar`."),
-    Column(name="furniture_density", type=pa.float64(), about="How densely the rooms were furnished, 0 for empty ones."),
+    Column(name="furniture_density", type=pa.float64(), about="Density of the furniture; 0 for empty rooms."),
 )  # fmt: skip
 
 _MAPS = (
@@ -204,16 +206,16 @@ _POSES = (
     *_each_robot("slam_heading_error_{i}_rad", pa.float64(), "rad", "Angle of `T_m{i}_r{i}` from the truth, absolute."),
     *_each_robot("odometry_position_error_{i}_m", pa.float64(), "m", "Distance of `T_m{i}_r{i}_odometry` from the truth."),
     *_each_robot("odometry_heading_error_{i}_rad", pa.float64(), "rad", "Angle of `T_m{i}_r{i}_odometry` from the truth, absolute."),
-    *_each_robot("trajectory_{i}", TRAJECTORY_TYPE, _TRAJECTORY, "Robot {i}'s path in m{i} up to `t_s`, as its SLAM estimated it on the way: a pose at the first lidar sweep (0.2 s after the start), then about every second and at each meeting. `yaw_rad` is unrolled, so it goes on beyond ±π."),
+    *_each_robot("trajectory_{i}", TRAJECTORY_TYPE, _TRAJECTORY, "Robot {i}'s path in m{i} up to `t_s`, as its SLAM estimated it on the way: a pose at the first lidar sweep (0.2 s after the start), then about every second and at each rendezvous. `yaw_rad` is unrolled, so it goes on beyond ±π."),
     *_each_robot("trajectory_{i}_true", TRAJECTORY_TYPE, _TRAJECTORY, "Robot {i}'s true path in m{i}, at the same times; `yaw_rad` is unrolled as well."),
 )  # fmt: skip
 
 _QUALITY = (
     Column(name="overlap", type=pa.float64(), about="|known_0 ∩ known_1| / |known_0 ∪ known_1| of the maps aligned by `T_m0_m1_local`."),
-    Column(name="wall_agreement_local", type=pa.float64(), nullable=True, about="Of the occupied cells inside the other map's known area (both ways), the share within 0.10 m of an occupied cell of it, aligned by `T_m0_m1_local`; null if there are none."),
+    Column(name="wall_agreement_local", type=pa.float64(), nullable=True, about="Share of the occupied cells inside the other map's known area (both ways) that lie within 0.10 m of one of its occupied cells, aligned by `T_m0_m1_local`; null if there are none."),
     Column(name="wall_agreement", type=pa.float64(), nullable=True, about="The same, aligned by `T_m0_m1`."),
     *_each_robot("occupied_cells_{i}", pa.int32(), "", "Number of occupied cells of `map_{i}`."),
-    *_each_robot("ghost_cells_{i}", pa.int32(), "", "Of those, the cells that the other robot left: near its true path, far from every true wall and piece of furniture."),
+    *_each_robot("ghost_cells_{i}", pa.int32(), "", "Number of these cells that the other robot left: near its true path, far from every true wall and piece of furniture."),
 )  # fmt: skip
 
 _CAMERA = (
@@ -223,7 +225,7 @@ _CAMERA = (
 )  # fmt: skip
 
 _SEEN_ROBOT = (
-    Column(name="robot", type=pa.string(), about="What kind of robot is seen: the name in its file."),
+    Column(name="robot", type=pa.string(), about="Kind of the seen robot: the name in its robot file."),
     Column(name="cuboid_size_m", type=SIZE_TYPE, unit="m", about="Sides of that robot's cuboid along the axes of o."),
     Column(name="T_r1_o", type=SE3_TYPE, unit="m", about="Pose of the cuboid on robot 1, row-major 4×4."),
 )  # fmt: skip
@@ -240,15 +242,15 @@ _SIGHTING = (
 _DRAWN = Column(
     name="drawn",
     type=pa.string(),
-    about="All that was drawn at random for the image, as JSON: light, materials, things about, the camera's settings and flaws; backgrounds, noise and furnishings by the number that makes them again; and the renderer.",
+    about="Everything drawn at random for the image, as JSON: light, materials, distractors, camera settings and flaws; seeds of backgrounds, noise and furniture; and the renderer.",
 )
 
 _LABEL = (
     Column(name="T_c_o", type=SE3_TYPE, unit="m", nullable=True, about="Pose of the seen robot's cuboid in the camera, row-major 4×4: `T_r0_r1 = T_r0_c · T_c_o · T_r1_o⁻¹`; null where the robot is absent."),
     Column(name="projected_cuboid_px", type=CUBOID_TYPE, unit="px", nullable=True, about="The cuboid's corners in the image in DOPE's order, centroid last; NaN for one behind the camera; null where the robot is absent."),
-    Column(name="visibility", type=pa.float64(), about="Visible pixels of the robot / pixels of its whole silhouette, what lies outside the image counting as hidden; 0 where it is absent."),
+    Column(name="visibility", type=pa.float64(), about="Visible pixels of the robot / pixels of its whole silhouette, of which the part outside the image counts as hidden; 0 where it is absent."),
     Column(name="visible_px", type=pa.int32(), unit="px", about="Number of visible pixels of the robot."),
-    Column(name="silhouette_px", type=pa.int32(), unit="px", about="Number of pixels that it would cover with nothing in front, also outside the image."),
+    Column(name="silhouette_px", type=pa.int32(), unit="px", about="Number of pixels that it would cover with nothing in front of it, in and outside the image."),
     Column(name="box_px", type=BOX_TYPE, unit="px", nullable=True, about="Box x0, y0, x1, y1 around the visible pixels; null where there are none."),
     _DRAWN,
 )  # fmt: skip
@@ -260,7 +262,7 @@ _VIEW = (_IMAGE, *_LABEL)
 VIEWS = TableSchema(
     name="views", columns=(*(c for c in _IDENTITY if c.name in ("pair_id", "plan_id")), *_VIEW)
 )
-"""What `render` adds to a sighting, by its `pair_id`."""
+"""Images of sightings with labels; `pack` joins them to `PAIRS` by `pair_id`."""
 
 POSES = TableSchema(
     name="poses",
@@ -271,21 +273,21 @@ POSES = TableSchema(
         _IMAGE,
         *_CAMERA,
         Column(name="T_r0_c", type=SE3_TYPE, unit="m", nullable=True, about="Pose of the camera on robot 0 as its file has it, row-major 4×4; null in `free` images, which no robot takes."),
-        Column(name="T_r0_c_true", type=SE3_TYPE, unit="m", nullable=True, about="The same as it was when the image was taken: a robot stands a little askew."),
+        Column(name="T_r0_c_true", type=SE3_TYPE, unit="m", nullable=True, about="True pose of the camera when the image was taken: the robot stands a little askew."),
         *_SEEN_ROBOT,
         *_LABEL,
     ),
 )  # fmt: skip
-"""Training images for the pose estimator, one row each."""
+"""Training images for the pose estimator."""
 
 SIGHTINGS = (*_IDENTITY, *_MAPS, *_POSES, *_QUALITY, *_SIGHTING)
 
 PAIRS = TableSchema(name="pairs", columns=(*SIGHTINGS, *(replace(c, nullable=True) for c in _VIEW)))
-"""One published row per sighting, robot 0 is the one that sees; what `render` adds is null without it."""
+"""Published sightings; robot 0 is the observer. The columns of `VIEWS` are null without an image."""
 
 _FURNITURE = Column(
     name="furniture", type=SOLIDS_TYPE, unit="m, rad", about="The episode's furniture in w, for the renderer."
 )
 
 EXPLORE = TableSchema(name="explore", columns=(*SIGHTINGS, _FURNITURE))
-"""What `explore` writes: sightings, and what the stages after it need."""
+"""Sightings as `explore` writes them, with the furniture for the renderer."""

@@ -1,4 +1,4 @@
-"""Random streams keyed by what they are for, never by the order in which they are made."""
+"""Random streams keyed by their purpose, never by the order in which they are made."""
 
 import hashlib
 import json
@@ -7,11 +7,11 @@ import numpy as np
 
 
 def stream(root_seed: int, *key: str | int) -> np.random.Generator:
-    """The random stream of one thing, e.g. `stream(seed, "explore", plan_id, episode)`.
+    """A random stream for one purpose, such as `stream(seed, "explore", plan_id, episode)`.
 
     Args:
-        root_seed: the run's one seed; 0 is a seed like any other.
-        key: what the stream is for; equal keys give equal streams in every process, in any order.
+        root_seed: the run's seed; 0 is a seed like any other.
+        key: the purpose; equal keys give equal streams in every process, in any order.
     """
     digest = hashlib.sha256(json.dumps([root_seed, *key]).encode()).digest()
     return np.random.Generator(np.random.PCG64(int.from_bytes(digest[:16], "little")))

@@ -1,7 +1,7 @@
-"""Which floor plans go to training, which to validation, which to the test.
+"""Split floor plans into training, validation and test.
 
-A plan's split follows from its geometry alone: neither the other plans, nor their order, nor the seed can
-move it. A larger validation or test share only takes plans over from training.
+A plan's split follows from its geometry alone: neither other plans, nor their order, nor the seed can change
+it. A larger validation or test share only takes plans from training.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ def split_of(plan_digest: str, *, validation_fraction: float, test_fraction: flo
 
     Args:
         plan_digest: `Floorplan.digest`.
-        validation_fraction, test_fraction: shares of all plans there can be, in [0, 1], together at most 1.
+        validation_fraction, test_fraction: shares of all possible plans, together at most 1.
     """
     draw = int.from_bytes(hashlib.sha256(f"split {plan_digest}".encode()).digest()[:8], "big") / 2.0**64
     if draw < test_fraction:
         return "test"
-    # From the other end, so that neither share moves the other's plans.
+    # From the other end, so that a change of one share does not move the other's plans.
     return "validation" if draw >= 1.0 - validation_fraction else "train"
 
 
@@ -35,7 +35,7 @@ def split_plans(
     """The split of every plan, by its digest.
 
     Raises:
-        SplitError: a split of a positive share would be empty; says how many plans are needed.
+        SplitError: a split with a positive share would be empty; says how many plans are needed.
     """
     splits = {
         digest: split_of(digest, validation_fraction=validation_fraction, test_fraction=test_fraction)
@@ -60,9 +60,9 @@ def split_plans(
 
 
 def plans_needed(fractions: Mapping[str, float], *, probability: float = 0.99) -> int:
-    """How many plans leave no split of these shares empty, at least with this probability.
+    """How many plans leave no split empty with at least this probability.
 
-    By the union bound, which is tight where it matters: both splits empty at once is far less likely.
+    By the union bound, which is tight here: two empty splits at once are far less likely than one.
     """
     shares = [fraction for fraction in fractions.values() if fraction > 0.0]
     count = len(shares)

@@ -1,4 +1,4 @@
-"""The typed form of `stages.yaml`: what each stage reads and writes, its parameters, the presets."""
+"""Load `stages.yaml`: what each stage reads and writes, its parameters, the presets."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _FOLDER_PATTERN = re.compile(r"[a-z0-9][a-z0-9_-]*")
 
 
 class StageLinks(Section):
-    """What a stage reads and writes: stages it follows, and the name of its folder below the data folder."""
+    """The stages that a stage reads, the folder that it writes, and its parameters."""
 
     reads: tuple[str, ...]
     writes: str
@@ -32,10 +32,10 @@ class _StagesFile(Section):
 
 
 class Config(Parameters):
-    """All that decides what the pipeline makes: the parameters, and how the stages hang together.
+    """Everything that decides what the pipeline makes.
 
     Attributes:
-        stages: what each stage reads and writes, in flow order.
+        stages: the stages' entries in flow order.
     """
 
     stages: dict[str, StageLinks]
@@ -48,12 +48,12 @@ def load_config(
 
     Args:
         path: the file.
-        preset: which of its presets to lay over the stages' parameters.
-        overrides: `explore.episodes_per_plan=10` or `seed=3`; values are YAML; the last one wins.
-        seed: the root seed; the file's by default.
+        preset: name of the preset that overrides the stages' parameters.
+        overrides: such as `explore.episodes_per_plan=10` or `seed=3`; values are YAML; the last one wins.
+        seed: root seed; None for the file's.
 
     Raises:
-        ConfigError: a key is unknown, a value is wrong; one line that says where, what, and what is right.
+        ConfigError: a key is unknown or a value is wrong; says where, what was found and what is right.
     """
     file = validated_section(_StagesFile, load_file(path, right=_RIGHT), file=str(path))
     _check_flow(file.stages, str(path))
@@ -72,9 +72,9 @@ def load_config(
 
 
 def _check_flow(stages: Mapping[str, StageLinks], file: str) -> None:
-    """Check that each stage reads what its code reads, after it was made, and has a folder of its own.
+    """Check that each stage reads what its code reads, follows those stages, and has its own folder.
 
-    A name that is no stage's is an error of its parameters.
+    An unknown stage is found later, by its parameters.
     """
     known: list[str] = []
     folders: dict[str, str] = {}

@@ -1,4 +1,4 @@
-"""The parameters of each stage: their types, what bounds them, which stages each one reads."""
+"""The parameters of each stage: types and bounds. The values are in `stages.yaml`."""
 
 from __future__ import annotations
 
@@ -37,11 +37,10 @@ class StageSection(Section):
         return re.sub(r"(?<=[a-z])(?=[A-Z])", "_", cls.__name__.removesuffix("Section")).lower()
 
     def parameters(self, *, exclude: Collection[str] = ()) -> dict[str, Any]:
-        """Values as JSON holds them, by their full key, e.g. `explore.max_range_m`.
+        """JSON values by full key, such as `explore.episodes_per_plan`.
 
         Args:
-            exclude: keys below the section, such as `generate.count`, on which a shard does not depend;
-                a key leaves out all that is below it.
+            exclude: keys below the section, such as `generate.count`, to leave out with all keys below them.
         """
         left_out = tuple(f"{self.stage()}.{key}." for key in exclude)
         values = dotted({self.stage(): self.model_dump(mode="json")})
@@ -49,7 +48,7 @@ class StageSection(Section):
 
 
 class Generated(Section):
-    """Plans that are generated: how many, and what they are drawn from."""
+    """Generated plans: how many, and from what they are drawn."""
 
     count: Annotated[int, Field(ge=0)]
     plans: GeneratorParameters
@@ -60,9 +59,9 @@ class FloorplansSection(StageSection):
 
     Attributes:
         sources: HouseExpo JSON files, folders of them, or the dataset's `json.tar.gz`.
-        generate: plans made here, after those of the sources.
-        limits: what a usable plan keeps to.
-        robot: a shipped robot or a robot file; a usable plan lets it get around.
+        generate: plans to generate, after those of the sources.
+        limits: of a usable plan.
+        robot: a shipped robot or a robot file, which must be able to move about a usable plan.
         plans_per_shard: candidates per shard.
     """
 
@@ -78,9 +77,9 @@ class MeshesSection(StageSection):
 
     Attributes:
         wall_height_m: height of the walls.
-        robot: a shipped robot or a robot file; two of it stand in the MJCF.
+        robot: a shipped robot or a robot file; the MJCF has two of them.
         furniture_density: of the example furniture: 0 none, 1 moderate, 2 crowded.
-        plans_per_shard: at most as many as a shard of `floorplans` has.
+        plans_per_shard: at most; a shard never spans two of `floorplans`.
     """
 
     wall_height_m: Positive
@@ -93,13 +92,13 @@ class ExploreSection(StageSection):
     """How two robots explore a floor plan until they meet.
 
     Attributes:
-        plans_per_shard: at most as many as a shard of `meshes` has.
-        episodes_per_plan: explorations of each plan, each with its own starts and furniture.
-        robot: a name in `assets/robots`, or the path of a robot file.
+        plans_per_shard: at most; a shard never spans two of `meshes`.
+        episodes_per_plan: each has its own starts and furniture.
+        robot: a shipped robot or a robot file.
         furniture_density: 0 none, 1 moderate, 2 crowded.
-        start_margin_m: from a robot at its start to everything else.
-        start_distance_m: between the two starts.
-        episode: how long an episode runs, what is recorded, noise, exploration, SLAM.
+        start_margin_m: least distance from a robot at its start to anything else.
+        start_distance_m: least distance between the two starts.
+        episode: duration, recording, noise, exploration, SLAM.
     """
 
     plans_per_shard: PositiveInt
@@ -112,18 +111,18 @@ class ExploreSection(StageSection):
 
 
 class RenderSection(StageSection):
-    """What is rendered, and how training images are drawn; the robots are those of `explore`.
+    """Which images are rendered, and how training images are drawn; the robots are those of `explore`.
 
     Attributes:
-        plans_per_shard: at most as many as a shard of `explore` (of `meshes` for training images) has.
+        plans_per_shard: at most; a shard never spans two of `explore` (training images: of `meshes`).
         views: whether to take the picture of each sighting.
         poses_per_plan: training images in each plan.
-        poses_per_furnishing: of them, how many in a row see the rooms furnished alike.
+        poses_per_furnishing: consecutive training images with the same furniture.
         furniture_density: of training images: 0 none, 1 moderate, 2 crowded.
-        texture_variants: textures of each kind (wood, cloth, ...) to choose from.
+        texture_variants: textures of each kind (wood, cloth, ...).
         jpeg_quality: of the images; null for PNG, lossless and four times the size.
-        backgrounds: a folder of one's own photos to stand behind `free` images; null for painted rooms.
-        draws: shares and ranges of what is drawn at random.
+        backgrounds: folder of photos to use as backgrounds of `free` images; null for painted rooms.
+        draws: shares and ranges of random draws.
     """
 
     plans_per_shard: PositiveInt
@@ -138,12 +137,11 @@ class RenderSection(StageSection):
 
 
 class PackSection(StageSection):
-    """How sightings become the published dataset.
+    """How the published dataset is split and sharded.
 
     Attributes:
-        rows_per_file: a file takes whole floor plans until it holds this many rows.
-        validation_fraction, test_fraction: shares of all floor plans, together at most 1; the rest is for
-            training.
+        rows_per_file: a file is filled with whole floor plans until it has at least this many rows.
+        validation_fraction, test_fraction: shares of all floor plans; the rest is for training.
     """
 
     rows_per_file: PositiveInt
@@ -161,13 +159,13 @@ class PackSection(StageSection):
 
 
 class TrainingSection(StageSection):
-    """How weights are found, whatever the model.
+    """How a model is trained.
 
     Attributes:
-        settings: of the model's own configuration, those that are not to be the default.
-        minutes, samples: when training ends, whichever comes first; null for no such bound, but not both.
-        validations: how often the averaged weights are measured, evenly over the budget.
-        checkpoint_every_s: how much a kill may cost.
+        settings: fields of the model's config that differ from their defaults.
+        minutes, samples: training ends at whichever comes first; one of them may be null.
+        validations: number of measurements of the averaged weights, evenly over the budget.
+        checkpoint_every_s: most work that a kill can lose.
         optimisation: batches, learning rate, precision.
     """
 
@@ -193,8 +191,8 @@ class TrainSection(TrainingSection):
 
     Attributes:
         model: `matcher`, or a row of the paper's Table I: `vit-reg-lie`, `cnn`, ...
-        validation_pairs: with how many pairs the averaged weights are measured.
-        sampling: what is drawn from each pair.
+        validation_pairs: pairs in each measurement.
+        sampling: how samples are drawn from pairs.
     """
 
     model: str
@@ -206,10 +204,10 @@ class TrainPoseSection(TrainingSection):
     """How the relative-pose network is trained.
 
     Attributes:
-        initial_features: with `settings.features: vgg19`: a safetensors file of VGG-19's weights by
-            torchvision's names, such as `features.0.weight`; null to begin with random ones.
-        validation_images: with how many images the averaged weights are measured.
-        sampling: what is drawn from each image.
+        initial_features: for `settings.features: vgg19`, a safetensors file of VGG-19's weights under
+            torchvision's names, such as `features.0.weight`; null for random weights.
+        validation_images: images in each measurement.
+        sampling: how samples are drawn from images.
     """
 
     initial_features: str | None
@@ -218,7 +216,7 @@ class TrainPoseSection(TrainingSection):
 
 
 class Parameters(Section):
-    """The root seed and the sections of all stages, in flow order."""
+    """The root seed and all stages' sections in flow order."""
 
     seed: Seed
     floorplans: FloorplansSection

@@ -1,4 +1,4 @@
-"""YAML, loaded safely, without its traps: a key given twice is an error, and 1e-3 is a number."""
+"""Safe YAML without two of its traps: a repeated key is an error, and 1e-3 is a number."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class _Loader(yaml.SafeLoader):
         return super().construct_mapping(node, deep=deep)
 
 
-# YAML 1.1 wants a dot and a signed exponent; whoever writes 1e-3 means a number.
+# YAML 1.1 requires a dot and a signed exponent; users write 1e-3 and mean a number.
 _Loader.add_implicit_resolver(
     "tag:yaml.org,2002:float", re.compile(r"^[-+]?[0-9]+(\.[0-9]*)?[eE][-+]?[0-9]+$"), list("-+0123456789")
 )
@@ -40,7 +40,7 @@ def load_file(path: str | Path, *, right: str) -> dict[str, Any]:
 
     Args:
         path: the file.
-        right: what it should be, for messages.
+        right: a description of a right file, for messages.
 
     Raises:
         ConfigError: there is no such file, or it is not a YAML mapping.

@@ -1,9 +1,9 @@
-"""Drive two robots through every plan until they meet; write one row per sighting."""
+"""Drive two robots through each plan until they meet; write one row per sighting."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict
 from functools import partial
 from typing import Any
@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from rendezvous.config.sections import ExploreSection
-from rendezvous.engine.run import Run, Task, part_name
+from rendezvous.engine.run import Run
 from rendezvous.errors import FloorplanError
 from rendezvous.exploration.episode import run_episode
 from rendezvous.exploration.records import Episode
@@ -26,36 +26,34 @@ from rendezvous.robot_file import load_robot
 from rendezvous.schema import EXPLORE
 from rendezvous.seeds import stream
 from rendezvous.simulation.robot import RobotSpec
-from rendezvous.stages.dataset.sightings import Scene, sighting_rows
-from rendezvous.store.digest import column_types
+from rendezvous.stages.dataset.item_tasks import item_tasks
+from rendezvous.stages.dataset.sightings import EpisodeScene, sighting_rows
 from rendezvous.store.parquet import Layout
 from rendezvous.store.read import Item, StageReader, chunks
-from rendezvous.store.records import Inputs, Manifest, Quarantined, Shard
+from rendezvous.store.records import Manifest, Quarantined, Shard
 
 VERSION = 1
 LAYOUT = Layout(item_column="plan_id", uncompressed=("map_0", "map_1", "image"), row_group_rows=256)
 
 
 def explore(run: Run) -> Manifest:
-    """Write the sightings of every plan's episodes."""
+    """Write the sightings of every plan's episodes.
+
+    Raises:
+        FloorplanError: no episode could be run.
+    """
     section, seed = run.config.explore, run.config.seed
     robot = load_robot(section.robot)
     meshes = run.read("meshes")
     batches = list(chunks(meshes.items(), section.plans_per_shard))
-    tasks = (
-        Task(
-            name=part_name(index),
-            inputs=Inputs(
-                parameters=section.parameters(exclude={"plans_per_shard", "robot"})
-                | {"explore.robot": asdict(robot)},
-                columns=column_types(EXPLORE.arrow()),
-                items={item.item_id: item.digest for item in batch},
-                seed=seed,
-                version=VERSION,
-            ),
-            make=partial(explored_plans, meshes, batch, section, robot, seed),
-        )
-        for index, batch in enumerate(batches)
+    tasks = item_tasks(
+        batches,
+        partial(explored_plans, meshes, section, robot, seed),
+        table=EXPLORE,
+        parameters=section.parameters(exclude={"plans_per_shard", "robot"})
+        | {"explore.robot": asdict(robot)},
+        seed=seed,
+        version=VERSION,
     )
     manifest = run.build("explore", tasks, layout=LAYOUT, total=len(batches))
     _report_left_out(run, manifest)
@@ -63,12 +61,8 @@ def explore(run: Run) -> Manifest:
 
 
 def _report_left_out(run: Run, manifest: Manifest) -> None:
-    """Say how many episodes could not be run, and why the first could not.
-
-    Raises:
-        FloorplanError: none could.
-    """
-    left_out = [item for shard in manifest.shards for item in shard.quarantined]
+    """Say how many episodes could not be run, and why the first could not."""
+    left_out = manifest.quarantined
     if not left_out:
         return
     line = f"{len(left_out)} episodes left out, the first: {left_out[0].item_id}: {left_out[0].reason}"
@@ -78,9 +72,9 @@ def _report_left_out(run: Run, manifest: Manifest) -> None:
 
 
 def explored_plans(
-    meshes: StageReader, items: Sequence[Item], section: ExploreSection, robot: RobotSpec, seed: int
+    meshes: StageReader, section: ExploreSection, robot: RobotSpec, seed: int, items: Sequence[Item]
 ) -> Shard:
-    """The sightings of some plans' episodes; an episode that cannot be run is left out with its reason."""
+    """The sightings of some plans' episodes; an episode that cannot be run is quarantined."""
     rows: list[dict[str, Any]] = []
     counts: Counter[str] = Counter(
         episodes=0, episodes_left_out=0, episodes_without_meeting=0, events=0, pairs=0, simulated_s=0
@@ -88,7 +82,8 @@ def explored_plans(
     quarantined = []
     for row in meshes.rows(items, columns=[*PLAN_COLUMNS, "walls"]):
         plan, walls = plan_of(row), solids_of(row["walls"])
-        for episode_id, number in _episodes(plan, section):
+        for number in range(section.episodes_per_plan):
+            episode_id = f"{plan.plan_id}-e{number:03d}"
             try:
                 scene, episode = _run(plan, walls, section, robot, seed, number)
             except (FloorplanError, FloatingPointError) as error:
@@ -105,11 +100,6 @@ def explored_plans(
     return Shard(table=EXPLORE.table(rows), counts=counts, quarantined=tuple(quarantined))
 
 
-def _episodes(plan: Floorplan, section: ExploreSection) -> Iterator[tuple[str, int]]:
-    for number in range(section.episodes_per_plan):
-        yield f"{plan.plan_id}-e{number:03d}", number
-
-
 def _run(
     plan: Floorplan,
     walls: Sequence[Solid],
@@ -117,8 +107,8 @@ def _run(
     robot: RobotSpec,
     seed: int,
     number: int,
-) -> tuple[Scene, Episode]:
-    """Furnish the plan, place the robots and let them go; each draws from a stream of its own."""
+) -> tuple[EpisodeScene, Episode]:
+    """Furnish the plan, place the robots and let them explore; each step draws from its own stream."""
     key = ("explore", plan.plan_id, number)
     furniture = furnish(
         plan,
@@ -140,7 +130,7 @@ def _run(
     episode = run_episode(
         surroundings, (robot, robot), starts, section.episode, rng=stream(seed, *key, "episode")
     )
-    scene = Scene(
+    scene = EpisodeScene(
         plan=plan,
         furniture=solid_rows(furniture),
         density=section.furniture_density,
@@ -153,7 +143,7 @@ def _run(
 
 
 def _outline(segments_m: Array, circles_m: Array) -> Array:
-    """(E, 4) [m]: all that the lidar sees as segments, a cylinder as an octagon."""
+    """(E, 4) [m] segments of everything the lidar sees; a cylinder becomes an octagon."""
     turns = np.linspace(0.0, 2.0 * np.pi, 9)
     ring = np.stack([np.cos(turns), np.sin(turns)], axis=1)
     corners_m = circles_m[:, None, :2] + circles_m[:, None, 2:] * ring

@@ -8,7 +8,7 @@ import math
 import zlib
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cache, partial
 from itertools import islice
 
 from rendezvous.config.sections import FloorplansSection
@@ -17,7 +17,7 @@ from rendezvous.errors import FloorplanError
 from rendezvous.floorplan.generate import GeneratorParameters, generate_floorplan
 from rendezvous.floorplan.houseexpo import parse_floorplan
 from rendezvous.floorplan.records import Floorplan
-from rendezvous.floorplan.validate import FloorplanLimits, start_regions, validated
+from rendezvous.floorplan.validate import start_regions, validated
 from rendezvous.interop.houseexpo_files import (
     PlanFile,
     check_source,
@@ -34,7 +34,11 @@ from rendezvous.store.records import Inputs, Manifest, Quarantined, Shard
 
 VERSION = 1
 LAYOUT = Layout(item_column="plan_id", identity=PLAN_COLUMNS)
-TOLD_QUARANTINED = 10
+REASONS_SHOWN = 10
+"""Reasons for leaving plans out that are printed; the manifest holds all."""
+
+Judge = Callable[[Floorplan], Floorplan]
+"""Gives the plan repaired, or raises `FloorplanError`."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -42,12 +46,12 @@ class Candidate:
     """A floor plan that may be usable.
 
     Attributes:
-        name: the file it is in, or the id it is generated under.
+        name: its file, or its id if it is generated.
         origin: `houseexpo` or `generated`.
-        digest: of the file's bytes; empty for a generated plan, which parameters and seed determine.
+        digest: SHA-256 of the file; empty for a generated plan, which parameters and seed determine.
         load: gives the plan, or raises `FloorplanError`.
-        keys: what no two plans may share: id and geometry.
-        same_as: an earlier, usable candidate that shares one of them.
+        keys: id and geometry, which no two plans may share.
+        same_as: an earlier, usable candidate with one of these keys.
     """
 
     name: str
@@ -59,30 +63,36 @@ class Candidate:
 
 
 def floorplans(run: Run) -> Manifest:
-    """Write every usable floor plan of the sources, then those that are generated."""
+    """Write every usable floor plan of the sources, then those that are generated.
+
+    Raises:
+        FloorplanError: a source is missing, or no plan is usable.
+    """
     section = run.config.floorplans
     robot_radius_m = load_robot(section.robot).radius_m
+    judge = partial(validated, robot_radius_m=robot_radius_m, limits=section.limits)
     for source in section.sources:
         check_source(source)
+    batches = _batches(section, run.config.seed, robot_radius_m, judge)
     tasks = (
-        Task(
-            name=part_name(index),
-            inputs=inputs,
-            make=partial(usable_plans, candidates, section.limits, robot_radius_m),
-        )
-        for index, (inputs, candidates) in enumerate(_batches(section, run.config.seed, robot_radius_m))
+        Task(name=part_name(index), inputs=inputs, make=partial(usable_plans, batch, judge, robot_radius_m))
+        for index, (inputs, batch) in enumerate(batches)
     )
     manifest = run.build("floorplans", tasks, layout=LAYOUT, total=_shard_count(section))
     _report_acceptance(run, manifest)
     return manifest
 
 
-def usable_plans(candidates: Iterable[Candidate], limits: FloorplanLimits, robot_radius_m: float) -> Shard:
-    """The candidates that are usable, repaired; the others with the reason."""
+def usable_plans(candidates: Iterable[Candidate], judge: Judge, robot_radius_m: float) -> Shard:
+    """The usable candidates, repaired; the others are quarantined with the reason."""
     rows, quarantined = [], []
     for candidate in candidates:
         try:
-            plan = _usable_plan(candidate, limits, robot_radius_m)
+            if candidate.same_as:
+                raise FloorplanError(
+                    f"{candidate.name}: duplicate: same id or geometry as {candidate.same_as}"
+                )
+            plan = judge(candidate.load())
         except FloorplanError as error:
             quarantined.append(Quarantined(item_id=candidate.name, reason=str(error), where=candidate.origin))
             continue
@@ -99,32 +109,23 @@ def usable_plans(candidates: Iterable[Candidate], limits: FloorplanLimits, robot
     return Shard(table=FLOORPLANS.table(rows), counts=counts, quarantined=tuple(quarantined))
 
 
-def _usable_plan(candidate: Candidate, limits: FloorplanLimits, robot_radius_m: float) -> Floorplan:
-    if candidate.same_as:
-        raise FloorplanError(f"{candidate.name}: duplicate: same id or geometry as {candidate.same_as}")
-    return validated(candidate.load(), robot_radius_m=robot_radius_m, limits=limits)
-
-
 def _batches(
-    section: FloorplansSection, seed: int, robot_radius_m: float
+    section: FloorplansSection, seed: int, robot_radius_m: float, judge: Judge
 ) -> Iterator[tuple[Inputs, tuple[Candidate, ...]]]:
-    """The candidates of each shard. None mixes sources: a new one leaves those of the others alone."""
+    """The candidates of each shard. None mixes sources: a new source leaves the others' shards alone."""
     holders: dict[str, Candidate] = {}
     robot = {"floorplans.robot.radius_m": robot_radius_m}
     judged_by = section.parameters(exclude={"sources", "generate", "plans_per_shard", "robot"}) | robot
     drawn_from = section.parameters(exclude={"sources", "generate.count", "plans_per_shard", "robot"}) | robot
     read = [(_read_candidates(source), judged_by, None) for source in section.sources]
-    for candidates, parameters, own_seed in [
-        *read,
-        (_generated_candidates(section, seed, robot_radius_m), drawn_from, seed),
-    ]:
-        singled = _marked_duplicates(candidates, holders, section.limits, robot_radius_m)
-        while batch := tuple(islice(singled, section.plans_per_shard)):
-            items = {candidate.name: candidate.same_as or candidate.digest for candidate in batch}
+    generated = (_generated_candidates(section, seed, robot_radius_m), drawn_from, seed)
+    for candidates, parameters, own_seed in [*read, generated]:
+        marked = _marked_duplicates(candidates, holders, judge)
+        while batch := tuple(islice(marked, section.plans_per_shard)):
             inputs = Inputs(
                 parameters=parameters,
                 columns=column_types(FLOORPLANS.arrow()),
-                items=items,
+                items={candidate.name: candidate.same_as or candidate.digest for candidate in batch},
                 seed=own_seed,
                 version=VERSION,
             )
@@ -162,14 +163,14 @@ def _generated(plan_id: str, parameters: GeneratorParameters, seed: int, robot_r
 
 
 def _parsed(source: str, compressed: bytes, fault: str) -> Floorplan:
-    """The plan of a file, whose content is held compressed: all candidates are kept to find duplicates."""
+    """The plan in a file. Its content is held compressed, because duplicates are sought among all files."""
     if fault:
         raise FloorplanError(f"{source}: {fault}")
     return parse_floorplan(parsed_json(zlib.decompress(compressed), source), source=source)
 
 
 def _keys(file: PlanFile) -> tuple[str, ...]:
-    """The plan's id and geometry as the file gives them; none of a file that is faulty in other ways."""
+    """The plan's id and geometry as the file gives them; () if the file is faulty."""
     try:
         data = parsed_json(file.content, file.source)
     except FloorplanError:
@@ -181,44 +182,32 @@ def _keys(file: PlanFile) -> tuple[str, ...]:
 
 
 def _marked_duplicates(
-    candidates: Iterable[Candidate],
-    holders: dict[str, Candidate],
-    limits: FloorplanLimits,
-    robot_radius_m: float,
+    candidates: Iterable[Candidate], holders: dict[str, Candidate], judge: Judge
 ) -> Iterator[Candidate]:
-    """The candidates, each told apart from the usable ones before it.
+    """The candidates, each with the earlier usable one that it duplicates.
 
-    Only a candidate whose key is asked for again is judged here; all others are judged in their shards.
+    Only a candidate whose key comes up again is judged here; all others are judged in their shards.
 
     Args:
-        candidates: in the order in which they have a claim to their keys.
-        holders: the latest candidate that is no known duplicate, by each of its keys; updated in place.
-        limits: what a usable plan keeps to.
-        robot_radius_m: of the robots that have to get around in it.
+        candidates: in order of precedence.
+        holders: by each key, the latest candidate that is no known duplicate; updated in place.
+        judge: decides whether a plan is usable.
     """
-    verdicts: dict[Candidate, bool] = {}
+
+    @cache
+    def usable(candidate: Candidate) -> bool:
+        try:
+            judge(candidate.load())
+        except FloorplanError:
+            return False
+        return True
+
     for candidate in candidates:
         rivals = [holders[key] for key in candidate.keys if key in holders]
-        first = next(
-            (rival.name for rival in rivals if _is_usable(rival, limits, robot_radius_m, verdicts)), ""
-        )
+        first = next((rival.name for rival in rivals if usable(rival)), "")
         if not first:
             holders |= dict.fromkeys(candidate.keys, candidate)
         yield replace(candidate, same_as=first)
-
-
-def _is_usable(
-    candidate: Candidate, limits: FloorplanLimits, robot_radius_m: float, verdicts: dict[Candidate, bool]
-) -> bool:
-    """Whether a candidate is usable; judged once, kept in `verdicts`."""
-    if candidate not in verdicts:
-        try:
-            validated(candidate.load(), robot_radius_m=robot_radius_m, limits=limits)
-        except FloorplanError:
-            verdicts[candidate] = False
-        else:
-            verdicts[candidate] = True
-    return verdicts[candidate]
 
 
 def _shard_count(section: FloorplansSection) -> int | None:
@@ -236,10 +225,10 @@ def _report_acceptance(run: Run, manifest: Manifest) -> None:
         FloorplanError: none is.
     """
     candidates, plans = manifest.counts().get("candidates", 0), manifest.rows
-    for entry in manifest.quarantined[:TOLD_QUARANTINED]:
+    for entry in manifest.quarantined[:REASONS_SHOWN]:
         run.say(f"floorplans: left out {entry.item_id}: {entry.reason}")
-    if len(manifest.quarantined) > TOLD_QUARANTINED:
-        more = len(manifest.quarantined) - TOLD_QUARANTINED
+    if len(manifest.quarantined) > REASONS_SHOWN:
+        more = len(manifest.quarantined) - REASONS_SHOWN
         run.say(
             f"floorplans: left out {more} more; all reasons are in {run.folder('floorplans')}/manifest.json"
         )

@@ -1,4 +1,4 @@
-"""Raise walls and furniture from floor plans: boxes for physics and rays, GLB and MJCF for the rest."""
+"""Raise walls and furniture from floor plans: boxes for physics and rays, GLB and MJCF."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from functools import partial
 from typing import Any
 
 from rendezvous.config.sections import MeshesSection
-from rendezvous.engine.run import Run, Task, part_name
+from rendezvous.engine.run import Run
 from rendezvous.errors import FloorplanError
 from rendezvous.exploration.starts import draw_starts
 from rendezvous.floorplan.furnish import furnish
@@ -22,10 +22,10 @@ from rendezvous.seeds import stream
 from rendezvous.simulation.rays import ray_scene
 from rendezvous.simulation.robot import RobotSpec
 from rendezvous.simulation.world import scene_mjcf
-from rendezvous.store.digest import column_types
+from rendezvous.stages.dataset.item_tasks import item_tasks
 from rendezvous.store.parquet import Layout
 from rendezvous.store.read import Item, StageReader, chunks
-from rendezvous.store.records import Inputs, Manifest, Quarantined, Shard
+from rendezvous.store.records import Manifest, Quarantined, Shard
 
 VERSION = 1
 LAYOUT = Layout(item_column="plan_id", identity=(*PLAN_COLUMNS, "wall_height_m", "walls"))
@@ -37,28 +37,21 @@ def meshes(run: Run) -> Manifest:
     robot = load_robot(section.robot)
     plans = run.read("floorplans")
     batches = list(chunks(plans.items(), section.plans_per_shard))
-    tasks = (
-        Task(
-            name=part_name(index),
-            inputs=Inputs(
-                parameters=section.parameters(exclude={"plans_per_shard", "robot"})
-                | {"meshes.robot": asdict(robot)},
-                columns=column_types(MESHES.arrow()),
-                items={item.item_id: item.digest for item in batch},
-                seed=seed,
-                version=VERSION,
-            ),
-            make=partial(raised_plans, plans, batch, section, robot, seed),
-        )
-        for index, batch in enumerate(batches)
+    tasks = item_tasks(
+        batches,
+        partial(raised_plans, plans, section, robot, seed),
+        table=MESHES,
+        parameters=section.parameters(exclude={"plans_per_shard", "robot"}) | {"meshes.robot": asdict(robot)},
+        seed=seed,
+        version=VERSION,
     )
     return run.build("meshes", tasks, layout=LAYOUT, total=len(batches))
 
 
 def raised_plans(
-    plans: StageReader, items: Sequence[Item], section: MeshesSection, robot: RobotSpec, seed: int
+    plans: StageReader, section: MeshesSection, robot: RobotSpec, seed: int, items: Sequence[Item]
 ) -> Shard:
-    """Walls, furniture and meshes of some plans."""
+    """Walls, furniture and meshes of some plans; one in which no two robots fit is quarantined."""
     rows, quarantined = [], []
     for row in plans.rows(items, columns=PLAN_COLUMNS):
         plan = plan_of(row)

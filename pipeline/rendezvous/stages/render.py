@@ -15,6 +15,7 @@ from rendezvous.rendering.robot_model import check_inside_cuboid, robot_parts
 from rendezvous.robot_file import load_robot, load_robot_model
 from rendezvous.schema import POSES, VIEWS
 from rendezvous.simulation.robot import RobotSpec
+from rendezvous.stages.dataset.item_tasks import item_tasks
 from rendezvous.stages.dataset.photos import photo_folder
 from rendezvous.stages.dataset.pictures import Setting, poses, views
 from rendezvous.store.digest import column_types
@@ -27,10 +28,10 @@ LAYOUT = Layout(item_column="plan_id", uncompressed=("image",), row_group_rows=2
 
 
 def render(run: Run) -> Manifest:
-    """Write the pictures of all sightings and the training images.
+    """Write a picture of each sighting, and the training images.
 
     Raises:
-        ConfigError: `explore` was run with another robot, the robot has no model, or there are no photos.
+        ConfigError: `explore` ran with another robot, the robot has no model, or there are no photos.
         SetupError: rendering does not work on this machine, and there is something to render.
     """
     section, robot = run.config.render, run.config.explore.robot
@@ -45,10 +46,10 @@ def render(run: Run) -> Manifest:
         *(_view_tasks(setting, meshes, explore, shared) if section.views else ()),
         *(_pose_tasks(setting, meshes, shared) if section.poses_per_plan else ()),
     ]
-    return run.build("render", tasks, layout=LAYOUT, total=len(tasks), prepare=partial(_tell_renderer, run))
+    return run.build("render", tasks, layout=LAYOUT, total=len(tasks), prepare=partial(_say_renderer, run))
 
 
-def _tell_renderer(run: Run) -> None:
+def _say_renderer(run: Run) -> None:
     run.say(f"render: drawing with {renderer_name()}")
 
 
@@ -68,7 +69,7 @@ def _check_same_robot(explore: StageReader, robot: RobotSpec) -> None:
 def _view_tasks(
     setting: Setting, meshes: StageReader, explore: StageReader, shared: dict[str, Any]
 ) -> Iterator[Task]:
-    """One for some plans on which robots met."""
+    """Tasks that take the pictures of the sightings, each on some plans."""
     plans = {item.item_id: item for item in meshes.items()}
     section = setting.section
     parameters = {"render.draws.shadow_share", "render.jpeg_quality", "render.texture_variants"}
@@ -94,20 +95,15 @@ def _view_tasks(
 
 
 def _pose_tasks(setting: Setting, meshes: StageReader, shared: dict[str, Any]) -> Iterator[Task]:
-    """One for some plans."""
+    """Tasks that make the training images, each in some plans."""
     section = setting.section
     photos = {"render.backgrounds": setting.photos.digest() if setting.photos else None}
-    for index, batch in enumerate(chunks(meshes.items(), section.plans_per_shard)):
-        yield Task(
-            name=f"poses/{part_name(index)}",
-            inputs=Inputs(
-                parameters=section.parameters(exclude={"plans_per_shard", "views", "backgrounds"})
-                | shared
-                | photos,
-                columns=column_types(POSES.arrow()),
-                items={item.item_id: item.digest for item in batch},
-                seed=setting.seed,
-                version=VERSION,
-            ),
-            make=partial(poses, setting, meshes, batch),
-        )
+    return item_tasks(
+        chunks(meshes.items(), section.plans_per_shard),
+        partial(poses, setting, meshes),
+        table=POSES,
+        parameters=section.parameters(exclude={"plans_per_shard", "views", "backgrounds"}) | shared | photos,
+        seed=setting.seed,
+        version=VERSION,
+        under="poses/",
+    )

@@ -1,4 +1,4 @@
-"""Digests of what a table says, independent of how a version of pyarrow writes it down."""
+"""Digests of a table's content, whatever version of pyarrow wrote it."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import pyarrow.compute as pc
 
 
 def content_digest(table: pa.Table, *, columns: Sequence[str] | None = None) -> str:
-    """Hash of the column names, kinds, nulls and values; not of chunks, encodings or metadata."""
+    """SHA-256 of column names, types, nulls and values; chunks, encodings and metadata do not count."""
     h = hashlib.sha256()
     for name in sorted(columns if columns is not None else table.column_names):
         h.update(f"column {name!r}\n".encode())
@@ -23,8 +23,8 @@ def content_digest(table: pa.Table, *, columns: Sequence[str] | None = None) -> 
 def item_digests(
     table: pa.Table, item_column: str, *, columns: Sequence[str] | None = None
 ) -> dict[str, str]:
-    """Hash of the rows of each item, by the item's id, in order of appearance."""
-    # In one piece: of a chunked table, pyarrow 26 takes wrong values of nested fixed-size lists.
+    """SHA-256 of each item's rows, by the item's id, in order of appearance."""
+    # pyarrow 26 takes wrong values of nested fixed-size lists from a table in chunks.
     table = table.combine_chunks()
     ids = table.column(item_column)
     return {
@@ -34,12 +34,12 @@ def item_digests(
 
 
 def column_types(schema: pa.Schema) -> dict[str, str]:
-    """Each column's type by its name, in words that Parquet's round trip does not change."""
+    """The type of each column, written so that Parquet's round trip does not change it."""
     return {field.name: _type_name(field.type) for field in schema}
 
 
 def _type_name(kind: pa.DataType) -> str:
-    """`_kind` with what is inside: `list<struct<t_s: double, x_m: double>>`."""
+    """`_kind` and its elements: `list<struct<t_s: double, x_m: double>>`."""
     if pa.types.is_struct(kind):
         return f"struct<{', '.join(f'{field.name}: {_type_name(field.type)}' for field in kind)}>"
     if _is_list(kind) or pa.types.is_fixed_size_list(kind):
@@ -82,7 +82,7 @@ def _feed(h: Any, array: pa.Array) -> None:
 
 
 def _kind(kind: pa.DataType) -> str:
-    """A type's name without what Parquet's round trip changes: names of list elements, large offsets."""
+    """A type without what Parquet's round trip changes: names of list elements, large offsets."""
     if pa.types.is_struct(kind):
         return "struct"
     if _is_list(kind):

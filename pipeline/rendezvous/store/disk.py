@@ -1,7 +1,7 @@
-"""Bytes in a folder: a local path, or object storage by URI.
+"""Files in a folder on a local disk or in object storage, each written completely or not at all.
 
-A file is there wholly or not at all. Locally: temporary name in the same folder, fsync, rename, fsync of
-the folder. In object storage an object appears when its stream is closed.
+Locally: a temporary name in the same folder, fsync, rename, fsync of the folder. In object storage an object
+appears when its stream is closed.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _CHUNK_BYTES = 1 << 22
 
 @dataclass(frozen=True)
 class Disk:
-    """One folder; names in it are relative and may hold slashes.
+    """One folder. Names of files are relative to it and may contain slashes.
 
     Attributes:
         root: a local path, or a URI with `://` (s3://bucket/data, gs://..., file:///...).
@@ -60,11 +60,11 @@ class Disk:
         return str(PurePosixPath(self._resolved[1], name))
 
     def shown(self, name: str = "") -> str:
-        """The name as people write it."""
+        """The file's path for messages."""
         return f"{self.root.rstrip('/')}/{name}" if name else self.root
 
     def names(self) -> list[str]:
-        """All files in the folder and below it, sorted; none if there is no folder."""
+        """All files in and below the folder, sorted; [] if there is no folder."""
         selector = pyarrow.fs.FileSelector(self.path(), recursive=True, allow_not_found=True)
         with self._explained(""):
             return sorted(
@@ -74,7 +74,7 @@ class Disk:
             )
 
     def size(self, name: str) -> int | None:
-        """Size of a file [bytes], or None if it is missing."""
+        """Size of a file [bytes]; None if it is missing."""
         with self._explained(name):
             info = self.filesystem.get_file_info(self.path(name))
         return int(info.size) if info.type == pyarrow.fs.FileType.File else None
@@ -91,10 +91,10 @@ class Disk:
             return bytes(source.readall())
 
     def write(self, name: str, data: bytes | pa.Buffer) -> None:
-        """Write a file so that it is there wholly or not at all.
+        """Write a file completely, or leave nothing behind.
 
         Raises:
-            StoreError: the disk is full or cannot be written; nothing of the file is left behind.
+            StoreError: the disk is full or cannot be written.
         """
         with self._explained(name):
             if self.is_uri:
@@ -130,7 +130,7 @@ class Disk:
 def _write_and_rename(path: str, data: bytes | pa.Buffer) -> None:
     folder = os.path.dirname(path)
     os.makedirs(folder, exist_ok=True)
-    # The process id keeps a worker that outlives its run apart from the run that follows.
+    # With the process id, because a worker may outlive its run and meet the next one.
     temporary = f"{path}.tmp-{os.getpid()}"
     try:
         with open(temporary, "wb") as sink:

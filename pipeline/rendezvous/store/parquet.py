@@ -10,13 +10,13 @@ import pyarrow.parquet as pq
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Layout:
-    """How a stage's tables lie in their Parquet files.
+    """How a stage's tables are stored in Parquet files.
 
     Attributes:
-        item_column: holds the id of the item that a row belongs to; None if nobody reads item by item.
-        identity: columns that make an item what it is for those who read it; all by default. What is
-            derived from them (a GLB) stays out, so that a new exporter does not make every reader stale.
-        uncompressed: columns that are compressed already (PNG, GLB).
+        item_column: column with the id of each row's item; None if no stage reads item by item.
+        identity: columns that an item's digest covers; all by default. Derived columns (GLB) stay out, so
+            that a new exporter does not make the stages that follow stale.
+        uncompressed: columns whose content is compressed already (PNG, GLB).
         row_group_rows: rows per row group.
     """
 
@@ -44,7 +44,7 @@ def parquet_bytes(table: pa.Table, layout: Layout) -> pa.Buffer:
 
 
 def _leaf_columns(schema: pa.Schema) -> list[str]:
-    """Parquet's own names of the leaves, e.g. `map_0.bytes`: options are given by leaf."""
+    """Parquet's names of the leaf columns, such as `map_0.bytes`; options go by leaf."""
     sink = pa.BufferOutputStream()
     pq.write_table(schema.empty_table(), sink)
     parquet_schema = pq.ParquetFile(pa.BufferReader(sink.getvalue())).schema

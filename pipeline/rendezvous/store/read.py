@@ -18,7 +18,7 @@ from rendezvous.store.records import MANIFEST, Manifest, ShardRecord
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Item:
-    """One item of a stage's output: its id, the digest of its rows, and the shard that holds them."""
+    """An item of a stage's output: its id, the digest of its rows, and their shard."""
 
     item_id: str
     digest: str
@@ -27,11 +27,11 @@ class Item:
 
 @dataclass(frozen=True, slots=True)
 class StageReader:
-    """One stage's output; small to pickle, so that a worker can read what its shard needs.
+    """One stage's output. It is small to pickle: workers read what their shards need.
 
     Attributes:
         root: the stage's folder, a local path or a URI.
-        stage: the command that makes it, named where something is missing.
+        stage: the command that makes it, for messages.
     """
 
     root: str
@@ -41,7 +41,7 @@ class StageReader:
         """The stage's manifest.
 
         Raises:
-            StoreError: there is none, so the stage never ran to its end here.
+            StoreError: there is none, because the stage has not finished.
         """
         manifest = read_manifest(Disk(self.root))
         if manifest is None:
@@ -50,11 +50,11 @@ class StageReader:
         return manifest
 
     def shards(self, under: str = "") -> tuple[ShardRecord, ...]:
-        """The shards of one table, `pairs/` say, where a stage writes several; all by default."""
+        """The stage's shards, or those of one table, such as `pairs/`."""
         return tuple(shard for shard in self.manifest().shards if shard.name.startswith(under))
 
     def items(self, under: str = "") -> Iterator[Item]:
-        """The items of these shards, shard by shard."""
+        """The items of these shards, in order."""
         for shard in self.shards(under):
             for item_id, digest in shard.items.items():
                 yield Item(item_id=item_id, digest=digest, shard=shard.name)
@@ -91,9 +91,9 @@ class StageReader:
         """Rows as dictionaries, one shard in memory at a time.
 
         Args:
-            items: only rows of these, in their order; all rows by default.
-            item_column: the column that holds the items' ids.
-            columns: only these columns.
+            items: whose rows to read, in this order; all by default.
+            item_column: column of the items' ids.
+            columns: to read; all by default.
         """
         if items is None:
             for shard in self.shards():
@@ -110,9 +110,9 @@ class StageReader:
 
 
 def chunks(items: Iterable[Item], size: int) -> Iterator[tuple[Item, ...]]:
-    """Items in groups of at most `size` that never cross the boundary of an upstream shard.
+    """Items in groups of at most `size`, none of which spans two upstream shards.
 
-    New items at the end therefore only add groups, and leave those before them as they were.
+    New items at the end therefore add groups and leave the earlier groups as they were.
     """
     for _, group in groupby(items, key=lambda item: item.shard):
         of_one_shard = list(group)
@@ -121,7 +121,7 @@ def chunks(items: Iterable[Item], size: int) -> Iterator[tuple[Item, ...]]:
 
 
 def read_manifest(disk: Disk) -> Manifest | None:
-    """A folder's manifest, or None if it has none.
+    """A folder's manifest; None if it has none.
 
     Raises:
         StoreError: the manifest is damaged.
@@ -136,7 +136,7 @@ def read_manifest(disk: Disk) -> Manifest | None:
 
 
 def read_record(disk: Disk, shard_name: str) -> ShardRecord | None:
-    """The record of a finished shard; None if there is none that can be read."""
+    """The record of a finished shard; None if it is missing or cannot be read."""
     try:
         fields = read_json(disk, ShardRecord.record_name(shard_name))
         return None if fields is None else ShardRecord.from_json(fields)
@@ -145,7 +145,7 @@ def read_record(disk: Disk, shard_name: str) -> ShardRecord | None:
 
 
 def read_json(disk: Disk, name: str) -> dict[str, Any] | None:
-    """A JSON file's content, or None if there is no such file."""
+    """Content of a JSON file; None if there is none."""
     if disk.size(name) is None:
         return None
     try:

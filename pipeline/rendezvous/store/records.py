@@ -1,4 +1,4 @@
-"""What is written down about a shard: what it was made from, what is in it, what was left out and why."""
+"""Records of shards: inputs, content, and the items left out."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ MANIFEST = "manifest.json"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Quarantined:
-    """An item that was left out: which, why, and where the fault is."""
+    """An item that was left out, why, and where the fault is."""
 
     item_id: str
     reason: str
@@ -25,11 +25,11 @@ class Quarantined:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Shard:
-    """What a stage makes of a shard's items.
+    """What a stage makes from a shard's items.
 
     Attributes:
         table: the rows.
-        counts: what was counted ("episodes", "pairs"); summed over shards into the manifest.
+        counts: by name ("episodes", "pairs"); the manifest holds their sums.
         quarantined: items left out.
     """
 
@@ -40,15 +40,14 @@ class Shard:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Inputs:
-    """All that a shard's content depends on; equal inputs make equal shards.
+    """Everything that a shard's content depends on: equal inputs give equal shards.
 
     Attributes:
-        parameters: by their full key in `stages.yaml`; nested ones are taken apart, tuples become lists.
-        columns: type of each column that is written, by its name (`column_types`); the engine refuses to
-            write others. Empty in records of before they were recorded.
-        items: digest of what is read for each item, by the item's id, in the order of making.
-        seed: the root seed, or None where the content does not depend on it.
-        version: of the stage's own code; raised when a change of code changes what it makes.
+        parameters: by full key in `stages.yaml`; nested mappings are flattened, tuples become lists.
+        columns: type of each column written, from `column_types`; empty in records older than this field.
+        items: digest of each item's input, by item id, in order.
+        seed: root seed; None if the content does not depend on it.
+        version: of the stage's code, raised when a change of code changes its output.
     """
 
     parameters: Mapping[str, Any]
@@ -58,7 +57,7 @@ class Inputs:
     version: int = 1
 
     def __post_init__(self) -> None:
-        # As they are read back from a record, so that old and new compare.
+        # In the form in which records hold them, so that old and new compare.
         object.__setattr__(self, "parameters", json.loads(json.dumps(dotted(self.parameters))))
 
     def fingerprint(self) -> str:
@@ -66,7 +65,7 @@ class Inputs:
         return digest_of([self.version, self.seed, dict(self.parameters), columns, list(self.items.items())])
 
     def differs_in_items_only(self, other: Inputs) -> bool:
-        """Whether the same code, parameters and seed, as far as both depend on them, made other items."""
+        """Whether the same code, columns, parameters and seed, where both have them, made other items."""
         shared = self.parameters.keys() & other.parameters.keys()
         return (
             self.version == other.version
@@ -77,7 +76,7 @@ class Inputs:
         )
 
     def changes_since(self, old: Inputs) -> list[str]:
-        """What differs from the inputs of an older shard, in words."""
+        """The differences from the inputs of an older shard, in words."""
         changes = []
         if old.version != self.version:
             changes.append(f"the stage's version changed {old.version} -> {self.version}")
@@ -108,14 +107,13 @@ class ShardRecord:
 
     Attributes:
         name: its file, relative to the stage's folder.
-        bytes: size of the file.
-        sha256: of the file.
-        content_digest: of the rows, independent of the version of pyarrow.
-        rows: how many there are.
+        bytes, sha256: of the file.
+        content_digest: of the rows, whatever the version of pyarrow.
+        rows: number of rows.
         counts, quarantined: as in `Shard`.
-        items: digest of each item's rows, by id: what a reader of that item depends on.
-        inputs: what it was made from.
-        versions: of the packages it was made with.
+        items: digest of each item's rows, by id; the input of later stages.
+        inputs: what the shard was made from.
+        versions: of the packages that made it.
     """
 
     name: str
@@ -131,7 +129,7 @@ class ShardRecord:
 
     @staticmethod
     def record_name(shard_name: str) -> str:
-        """The file in which a shard's record is kept until the manifest is written, and after."""
+        """The file that holds a shard's record."""
         return f"{RECORD_FOLDER}/{shard_name}.json"
 
     def to_json(self) -> dict[str, Any]:
@@ -150,7 +148,7 @@ class ShardRecord:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FileRecord:
-    """A file beside the shards, such as a dataset's card."""
+    """A file beside the shards, such as the dataset's card."""
 
     name: str
     bytes: int
@@ -159,7 +157,7 @@ class FileRecord:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Manifest:
-    """A stage's finished output: all its shards, and the files beside them."""
+    """A stage's finished output: its shards and the files beside them."""
 
     stage: str
     shards: tuple[ShardRecord, ...]
@@ -174,7 +172,7 @@ class Manifest:
         return tuple(entry for shard in self.shards for entry in shard.quarantined)
 
     def counts(self) -> dict[str, int]:
-        """What the shards counted, summed."""
+        """The sums of the shards' counts."""
         totals: dict[str, int] = {}
         for shard in self.shards:
             for name, count in shard.counts.items():
@@ -182,7 +180,7 @@ class Manifest:
         return totals
 
     def to_json(self) -> dict[str, Any]:
-        """As written: what is the same in most shards stands once, and shards name it by its digest."""
+        """The manifest as written. What most shards share stands once, and shards refer to it by digest."""
         parameters: dict[str, Any] = {}
         columns: dict[str, Any] = {}
         versions: dict[str, Any] = {}
@@ -221,7 +219,7 @@ class Manifest:
 
 
 def dotted(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Nested values by their dotted keys: `{"a": {"b": 1}}` is `{"a.b": 1}`."""
+    """Nested mappings flattened: `{"a": {"b": 1}}` becomes `{"a.b": 1}`."""
     flat: dict[str, Any] = {}
     for key, value in values.items():
         if isinstance(value, Mapping):
@@ -238,7 +236,7 @@ def _tabled(table: dict[str, Any], value: Any) -> str:
 
 
 def digest_of(value: Any) -> str:
-    """Hash of a value that JSON can hold; the order of a mapping's keys does not count."""
+    """SHA-256 of a JSON value; the order of a mapping's keys does not count."""
     text = json.dumps(value, sort_keys=True, separators=(",", ":"), allow_nan=False)
     return hashlib.sha256(text.encode()).hexdigest()
 

@@ -1,4 +1,4 @@
-"""Find what is damaged, missing or unlisted in finished folders."""
+"""Find damaged, missing and unlisted files in finished folders."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from rendezvous.store.write import damage, listed_names
 
 
 def stage_folders(root: str) -> list[str]:
-    """The folders at or below `root` into which a stage wrote.
+    """The stages' folders at or below `root`.
 
     Raises:
-        StoreError: there are none.
+        StoreError: there is none.
     """
     tops = set()
     for name in Disk(root).names():
@@ -30,7 +30,7 @@ def stage_folders(root: str) -> list[str]:
 
 
 def verify(root: str) -> list[str]:
-    """What is wrong with one stage's folder, a line each; empty if it is sound."""
+    """The faults of one stage's folder, a line each; [] if it is sound."""
     disk = Disk(root)
     try:
         manifest = read_manifest(disk)

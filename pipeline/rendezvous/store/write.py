@@ -1,4 +1,4 @@
-"""Write a stage's output: keep what is finished, make again what is stale, publish the manifest last."""
+"""Write a stage's output: keep finished shards, replace stale ones, publish the manifest last."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from rendezvous.store.records import (
 
 LOCK = ".lock"
 NOT_MADE_YET = "not made yet"
-# What can change a byte of the data; recorded with every shard.
+# Packages that can change a byte of the data; their versions are recorded with each shard.
 RECORDED_PACKAGES = (
     "rendezvous-fusion",
     "mujoco",
@@ -43,12 +43,12 @@ RECORDED_PACKAGES = (
 
 @dataclass(slots=True)
 class StageWriter:
-    """Writes one stage's folder: the run's own process plans and finishes, workers write shards.
+    """Writes one stage's folder. The run's own process plans and finishes; workers write shards.
 
     Attributes:
         root: the stage's folder, a local path or a URI.
         stage: the stage's name.
-        layout: how its tables lie in Parquet.
+        layout: of its Parquet files.
     """
 
     root: str
@@ -59,7 +59,7 @@ class StageWriter:
     _published: set[str] = field(default_factory=set, repr=False)
 
     def for_worker(self) -> StageWriter:
-        """As small as can be sent to a worker."""
+        """A copy without the index, small to send to a worker."""
         return StageWriter(self.root, self.stage, self.layout)
 
     @property
@@ -68,7 +68,7 @@ class StageWriter:
 
     @contextlib.contextmanager
     def locked(self) -> Iterator[None]:
-        """Keep other runs out of the folder, and clear away what a killed run left half written.
+        """Keep other runs out of the folder, and remove the half-written files of a killed run.
 
         Raises:
             StoreError: another run is writing here.
@@ -110,12 +110,12 @@ class StageWriter:
             self._published = listed_names(manifest) if manifest is not None else set()
         for name in _recorded_names(self.disk.names()):
             record = read_record(self.disk, name)
-            # A run that was killed leaves the record of a shard that it did not come to write.
+            # A killed run may leave the record of a shard that it did not write.
             if record is not None and self.disk.size(name) == record.bytes:
                 self._by_fingerprint[record.inputs.fingerprint()] = name
 
     def finished(self, name: str, inputs: Inputs) -> ShardRecord | None:
-        """The shard of these inputs, if it was made before; one with another number is renamed."""
+        """The shard with these inputs, if it exists; one with another number is renamed."""
         self._claimed.add(name)
         record = self._sound_record(name, inputs)
         if record is not None:
@@ -133,7 +133,7 @@ class StageWriter:
         return record
 
     def reason_to_make(self, name: str, inputs: Inputs) -> str:
-        """Why a shard that is not finished has to be made, in words."""
+        """Why a shard has to be made, in words."""
         record = read_record(self.disk, name)
         if record is None:
             return NOT_MADE_YET if self.disk.size(name) is None else "no record that it was finished"
@@ -141,10 +141,9 @@ class StageWriter:
         return _summarised(changes) if changes else self._damage(record) or NOT_MADE_YET
 
     def make_room(self, name: str, inputs: Inputs) -> None:
-        """Before a shard is made: withdraw the manifest, and set a shard of other items aside.
+        """Before a shard is made: withdraw the manifest, and set aside a shard of other items.
 
-        Items that moved on by one shard, as a new floor plan before them makes them do, are found again
-        by `finished` under their new number.
+        A new floor plan moves the items after it by one; `finished` finds their shards under the new number.
         """
         self._unpublish()
         record = read_record(self.disk, name)
@@ -168,9 +167,9 @@ class StageWriter:
             self.disk.remove(MANIFEST)
 
     def write(self, name: str, inputs: Inputs, shard: Shard) -> ShardRecord:
-        """Write the record of one shard, then the shard, which is finished when it is as recorded.
+        """Write a shard's record, then the shard.
 
-        In this order no shard ever lies there unrecorded: a later run can tell it from a stranger's file.
+        In this order every shard has a record, and a later run never takes a stranger's file for its own.
         """
         table, layout = shard.table, self.layout
         data = parquet_bytes(table, layout)
@@ -193,7 +192,7 @@ class StageWriter:
         return record
 
     def finish(self, records: Sequence[ShardRecord], files: Mapping[str, bytes]) -> Manifest:
-        """Write the files beside the shards, remove our own that are stale, and publish the manifest."""
+        """Write the files beside the shards, remove stale files of ours, publish the manifest."""
         manifest = Manifest(
             stage=self.stage,
             shards=tuple(records),
@@ -214,32 +213,32 @@ class StageWriter:
         return manifest
 
     def _remove_stale(self, wanted: set[str]) -> None:
-        """Remove what earlier runs listed and this one does not; whatever else lies here is not ours."""
+        """Remove what earlier runs listed and this one does not; other files are not ours."""
         names = self.disk.names()
         shards = _recorded_names(names)
         records = [ShardRecord.record_name(name) for name in shards]
-        # A shard goes before its record, so that one left behind by a killed run is still known.
+        # The shard before its record: if the run is killed in between, the shard is still known.
         for name in dict.fromkeys([*sorted(self._published - {*records}), *shards, *records]):
             if name in names and name not in wanted:
                 self.disk.remove(name)
 
 
 def listed_names(manifest: Manifest) -> set[str]:
-    """All files that a finished folder holds."""
+    """The names of all files in a finished folder."""
     shards = [shard.name for shard in manifest.shards]
     records = [ShardRecord.record_name(name) for name in shards]
     return {MANIFEST, LOCK, *shards, *records, *(file.name for file in manifest.files)}
 
 
 def _recorded_names(names: Sequence[str]) -> list[str]:
-    """The shards that records are about, of the names of all files in a folder."""
+    """The shards that have a record, from the names of all files in a folder."""
     head, tail = f"{RECORD_FOLDER}/", ".json"
     records = [name for name in names if name.startswith(head) and name.endswith(f".parquet{tail}")]
     return [name.removeprefix(head).removesuffix(tail) for name in records]
 
 
 def damage(disk: Disk, name: str, size_bytes: int, sha256: str) -> str | None:
-    """What is wrong with a file, in words; None if it is what was written."""
+    """The fault of a file, in words; None if it is as it was written."""
     size = disk.size(name)
     if size is None:
         return "file missing"

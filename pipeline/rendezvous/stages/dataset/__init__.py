@@ -1,1 +1,1 @@
-"""What the stages that make the dataset share."""
+"""Parts of the stages that make the dataset."""

@@ -31,12 +31,12 @@ _ARCHIVE = re.compile(r"(.+?\.(?:tar|tar\.gz|tgz)):")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Contents:
-    """What is published, as far as the card needs it.
+    """The published tables, as far as the card needs them.
 
     Attributes:
-        sightings: `CARD_COLUMNS` of all pairs, where they lie, and their `split`.
-        views: `VIEW_COLUMNS` of all images of sightings, and where they lie; None if there are none.
-        poses: `POSE_COLUMNS` of all training images, where they lie, and their `split`; None likewise.
+        sightings: `CARD_COLUMNS` of all pairs, their places and their `split`.
+        views: `VIEW_COLUMNS` of the sightings' images and their places; None if there are none.
+        poses: `POSE_COLUMNS` of all training images, their places and their `split`; None if there are none.
     """
 
     sightings: pa.Table
@@ -68,7 +68,7 @@ def card_files(run: Run, contents: Contents, records: Sequence[ShardRecord]) -> 
 
 
 def _with_visibility(contents: Contents) -> pa.Table:
-    """The sightings with their images' `visibility`, null where there is none."""
+    """The sightings with the `visibility` in their images; null without an image."""
     sightings, views = contents.sightings, contents.views
     if views is None:
         return sightings.append_column("visibility", pa.nulls(sightings.num_rows, pa.float64()))
@@ -92,12 +92,12 @@ def _poses_picture(run: Run, poses: pa.Table) -> bytes:
 
 
 def _manifests(run: Run) -> dict[str, Manifest | None]:
-    """Of the stages before, None where their output is gone."""
+    """The manifests of the stages before `pack`; None if a stage's output is gone."""
     return {stage: read_manifest(Disk(run.folder(stage))) for stage in DATASET_STAGES if stage != "pack"}
 
 
 def _parameters(manifests: Mapping[str, Manifest | None]) -> dict[str, Any]:
-    """What the stages were run with, as their shards record it: this run may be set otherwise."""
+    """The parameters recorded in the stages' shards; those of this run may differ."""
     parameters: dict[str, Any] = {}
     for stage, manifest in manifests.items():
         if manifest is None:
@@ -108,17 +108,17 @@ def _parameters(manifests: Mapping[str, Manifest | None]) -> dict[str, Any]:
             parameters |= _tables(manifest)
         for shard in manifest.shards:
             parameters |= shard.inputs.parameters
-    # The robot of `render` is that of `explore`, and told there.
-    told_twice = {
+    # The robot of `render` is that of `explore`.
+    repeated = {
         f"render.{key.removeprefix('explore.')}" for key in parameters if key.startswith("explore.robot.")
     }
-    return {key: value for key, value in parameters.items() if key not in told_twice}
+    return {key: value for key, value in parameters.items() if key not in repeated}
 
 
 def _sources(floorplans: Manifest) -> dict[str, Any]:
-    """Where the floor plans are from; no shard depends on that as a whole, so none records it.
+    """The sources of the floor plans, which no shard records, from the names of the candidates.
 
-    Files are told one by one if they are few, else by their folders; an archive is told as one.
+    Up to `_NAMED_FILES` files are named one by one, more by their folders; an archive counts as one.
     """
     # What is generated depends on the seed, what is read does not.
     inputs = [shard.inputs for shard in floorplans.shards]
@@ -131,13 +131,13 @@ def _sources(floorplans: Manifest) -> dict[str, Any]:
 
 
 def _tables(render: Manifest) -> dict[str, Any]:
-    """What there is to render; no image depends on it, so a shard of the other table does not record it."""
+    """Which tables were rendered; no shard records that."""
     tables = {shard.name.split("/")[0] for shard in render.shards}
     return {"render.views": "views" in tables} | ({} if "poses" in tables else {"render.poses_per_plan": 0})
 
 
 def _file_or_archive(name: str) -> str:
-    """What has to be named among the sources for this file to be read."""
+    """The source that provides this file."""
     archive = _ARCHIVE.match(name)
     return archive[1] if archive else name
 

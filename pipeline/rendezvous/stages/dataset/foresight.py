@@ -1,4 +1,4 @@
-"""What would stop `dataset` in its last stages, found before the long ones begin."""
+"""Find out early what would stop the last stages of `dataset`."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from rendezvous.stages.dataset.photos import photo_folder
 
 
 def check_pictures(run: Run) -> None:
-    """See that what `render` needs is there, if it has anything to do.
+    """Check that `render` has what it needs, if it has anything to do.
 
     Raises:
         ConfigError: the robot has no model, or there are no photos.
@@ -25,10 +25,10 @@ def check_pictures(run: Run) -> None:
 
 
 def check_splits(run: Run) -> None:
-    """See that `pack` would leave no split empty if robots met on every floor plan.
+    """Check that no split would be empty if robots met on every floor plan.
 
     Raises:
-        SplitError: it would.
+        SplitError: one would.
         StoreError: `floorplans` has not finished, or its output is damaged.
     """
     section = run.config.pack

@@ -1,4 +1,4 @@
-"""A folder of one's own photos, to stand behind rendered scenes."""
+"""A folder of the user's photos, used as backgrounds of rendered scenes."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp")
 
 @dataclass(frozen=True, slots=True)
 class PhotoFolder(Sequence[Image]):
-    """The photos of a folder, read when they are asked for: thousands fit.
+    """The photos of a folder, each read when it is asked for, so that thousands fit in memory.
 
     Attributes:
-        paths: the files, sorted.
+        paths: sorted.
     """
 
     paths: tuple[Path, ...]
@@ -39,7 +39,7 @@ class PhotoFolder(Sequence[Image]):
         """One photo (H, W, 3) uint8, sRGB.
 
         Raises:
-            ConfigError: the file holds no picture.
+            ConfigError: the file is not an image.
         """
         if isinstance(index, slice):
             return PhotoFolder(self.paths[index])
@@ -54,10 +54,10 @@ class PhotoFolder(Sequence[Image]):
         return np.asarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB))
 
     def digest(self) -> str:
-        """Hash of all names and contents.
+        """SHA-256 of all names and contents.
 
         Raises:
-            ConfigError: a file cannot be read, or is of no kind that OpenCV decodes.
+            ConfigError: a file cannot be read, or is not an image that OpenCV decodes.
         """
         h = hashlib.sha256()
         for path in self.paths:
@@ -69,7 +69,7 @@ class PhotoFolder(Sequence[Image]):
 
 
 def photo_folder(folder: str | None) -> PhotoFolder:
-    """The photos below a folder; none if no folder is given.
+    """The photos in and below a folder; none if no folder is given.
 
     Raises:
         ConfigError: there is no such folder, or no photo in it.

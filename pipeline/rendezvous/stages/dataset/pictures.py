@@ -1,4 +1,4 @@
-"""Rows of pictures: what the observer saw at a sighting, and training images; with their labels."""
+"""Rows of images with labels: what the observer saw at each sighting, and training images."""
 
 from __future__ import annotations
 
@@ -51,13 +51,13 @@ _SIGHTING = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Setting:
-    """What all images of a run are made with; small to pickle.
+    """What all images of a run share; small to pickle.
 
     Attributes:
-        seed: the root seed.
-        robot: name or file of the robot that sees and is seen.
+        seed: root seed.
+        robot: name or file of the robots.
         section: the stage's parameters.
-        photos: what may stand behind `free` images.
+        photos: backgrounds for `free` images.
     """
 
     seed: int
@@ -79,7 +79,7 @@ def _studio(seed: int, robot: str, variants: int) -> Studio:
 def views(
     setting: Setting, meshes: StageReader, walls: Sequence[Item], explore: StageReader, items: Sequence[Item]
 ) -> Shard:
-    """What the observer's camera saw at each sighting on some plans."""
+    """The view of the observer's camera at each sighting on some plans."""
     plans = {row["plan_id"]: row for row in meshes.rows(walls, columns=_WALLS)}
     rows = []
     sightings = explore.rows(items, columns=_SIGHTING)
@@ -95,7 +95,7 @@ def views(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Rooms:
-    """Where an episode was: the furnished plan, what it and the robot look like in all of its pictures."""
+    """An episode's furnished plan, and how it and the robots look in all of the episode's images."""
 
     place: FurnishedPlan
     looks: RoomLooks
@@ -112,7 +112,7 @@ def _rooms(
 
 
 def _drawn_view(setting: Setting, rooms: _Rooms, sighting: Mapping[str, Any]) -> Drawn:
-    """The scene of a sighting: the robots where they truly were."""
+    """The scene of a sighting, with both robots at their true poses."""
     studio = setting.studio()
     T_w_r0, T_w_r1 = (
         SE2.from_array(sighting[f"T_w_m{i}"]) @ SE2.from_array(sighting[f"T_m{i}_r{i}_true"]) for i in (0, 1)
@@ -131,7 +131,7 @@ def _drawn_view(setting: Setting, rooms: _Rooms, sighting: Mapping[str, Any]) ->
 
 
 def poses(setting: Setting, meshes: StageReader, items: Sequence[Item]) -> Shard:
-    """Training images in some plans; one that finds no place for its robots is left out with the reason."""
+    """Training images in some plans; one without room for its robots is quarantined."""
     rows: list[dict[str, Any]] = []
     quarantined = []
     for walls in meshes.rows(items, columns=_WALLS):
@@ -153,7 +153,7 @@ def poses(setting: Setting, meshes: StageReader, items: Sequence[Item]) -> Shard
 def _furnished(
     setting: Setting, plan: Floorplan, wall_height_m: float
 ) -> Iterator[tuple[int, FurnishedPlan]]:
-    """The numbers of a plan's images, each with the plan as it is furnished for that one."""
+    """The number of each of a plan's images, and the plan furnished for that image."""
     section = setting.section
     numbers = range(section.poses_per_plan)
     for furnishing, group in groupby(numbers, key=lambda number: number // section.poses_per_furnishing):
@@ -211,7 +211,7 @@ def _drawn_pose(setting: Setting, place: FurnishedPlan, mode: str, rng: np.rando
 
 
 def _mode(setting: Setting, plan_id: str, number: int) -> str:
-    """Plausible as often as the share says, evenly spread; each plan begins where it draws (uniform)."""
+    """`plausible` for the given share of images, evenly spread; each plan draws its offset (uniform)."""
     share = setting.section.draws.plausible_share
     begin = float(stream(setting.seed, "render", "modes", plan_id).random())
     crosses = math.floor((number + 1) * share + begin) > math.floor(number * share + begin)
@@ -219,7 +219,7 @@ def _mode(setting: Setting, plan_id: str, number: int) -> str:
 
 
 def _image_row(setting: Setting, drawn: Drawn, more: Mapping[str, Any]) -> dict[str, Any]:
-    """The columns of an image and its label; more: what else was drawn."""
+    """The columns of an image and its label; `more` is added to `drawn`."""
     picture = setting.studio().take(drawn)
     record = {**drawn.record, **more, "renderer": renderer_name()}
     return {
@@ -242,7 +242,7 @@ def _label(picture: Picture) -> dict[str, Any]:
 
 
 def _encoded(rgb: Image, jpeg_quality: int | None) -> bytes:
-    """The image as a file: JPEG with all of its colour, or PNG."""
+    """The image as JPEG without chroma subsampling, or as PNG if there is no quality."""
     bgr = cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR)
     if jpeg_quality is None:
         return cv2.imencode(".png", bgr)[1].tobytes()

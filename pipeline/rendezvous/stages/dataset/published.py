@@ -1,4 +1,4 @@
-"""What a published file holds: the rows of some floor plans, sightings together with their images."""
+"""Published files: the rows of some floor plans, sightings joined with their images."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ class PackedPlan:
     """A floor plan's rows of one published table.
 
     Attributes:
-        item: the rows in the stage that made them.
-        view: what `render` adds to them; None if it adds nothing.
-        rows: how many there are.
-        split: where they go.
+        item: the plan's rows in the output of the stage that made them.
+        view: the rows that `render` adds to them; None if there are none.
+        rows: number of rows.
+        split: of the plan.
     """
 
     item: Item
@@ -36,13 +36,13 @@ class PackedPlan:
     split: str
 
     def digests(self) -> dict[str, str]:
-        """Of all that is read for the plan, by what it is."""
+        """Digests of everything read for the plan."""
         view = {f"{self.item.item_id} (render)": self.view.digest} if self.view else {}
         return {self.item.item_id: self.item.digest} | view
 
 
 def pairs_file(explore: StageReader, render: StageReader, plans: Sequence[PackedPlan]) -> Shard:
-    """The sightings on some floor plans, each with its image, in their order in `explore`."""
+    """The sightings on some floor plans with their images, in the order of `explore`."""
     sightings = _plan_rows(explore, [plan.item for plan in plans], EXPLORE, _SIGHTING_COLUMNS)
     views = _plan_rows(
         render, [plan.view for plan in plans if plan.view], VIEWS, ("pair_id", "plan_id", *_VIEW_COLUMNS)
@@ -52,7 +52,7 @@ def pairs_file(explore: StageReader, render: StageReader, plans: Sequence[Packed
 
 
 def poses_file(render: StageReader, plans: Sequence[PackedPlan]) -> Shard:
-    """The training images on some floor plans, in their order in `render`."""
+    """The training images in some floor plans, in the order of `render`."""
     columns = [column.name for column in POSES.columns]
     table = _plan_rows(render, [plan.item for plan in plans], POSES, columns).select(columns)
     table = table.replace_schema_metadata(POSES.arrow().metadata)
@@ -60,7 +60,7 @@ def poses_file(render: StageReader, plans: Sequence[PackedPlan]) -> Shard:
 
 
 def with_views(sightings: pa.Table, views: pa.Table) -> pa.Table:
-    """Rows of `PAIRS`: sightings with what rows of `VIEWS` add to them, null where there is none."""
+    """Sightings joined with rows of `VIEWS` to rows of `PAIRS`; null where a sighting has no view."""
     places = pc.index_in(sightings["pair_id"], value_set=views["pair_id"].combine_chunks())
     added = views.select(_VIEW_COLUMNS).take(places)
     for name in _VIEW_COLUMNS:
@@ -72,11 +72,12 @@ def with_views(sightings: pa.Table, views: pa.Table) -> pa.Table:
 def pairs_at(
     explore: StageReader, render: StageReader, *, sightings: pa.Table, views: pa.Table | None
 ) -> list[dict[str, Any]]:
-    """Some whole pairs, as `PAIRS.rows` gives them.
+    """Some complete pairs, as `PAIRS.rows` gives them.
 
     Args:
-        explore, render: where the rows lie.
-        sightings, views: of `located_columns`: the sightings wanted, and all views if there are any.
+        explore, render: hold the rows.
+        sightings: the pairs wanted, from `located_columns`.
+        views: all views, from `located_columns`; None if there are none.
     """
     by_pair = {}
     if views is not None:
@@ -95,5 +96,5 @@ def _plan_rows(
         table = reader.table(shard, columns=columns).select(columns).combine_chunks()
         wanted = pa.array([item.item_id for item in group])
         parts.append(table.filter(pc.is_in(table["plan_id"], value_set=wanted)))
-    # In one piece: of a slice of nested fixed-size lists, pyarrow 26 takes and filters the wrong values.
+    # In one piece, because pyarrow 26 takes wrong values from slices of nested fixed-size lists.
     return pa.concat_tables(parts).combine_chunks()

@@ -1,4 +1,4 @@
-"""Rows of the dataset from what an episode recorded."""
+"""Rows of the dataset from an episode's record."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from rendezvous.simulation.robot import RobotSpec
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Scene:
-    """What an episode happened in.
+class EpisodeScene:
+    """The place of an episode, and its robots.
 
     Attributes:
         plan: the floor plan.
-        furniture: rows of its furniture.
-        density: how densely it was furnished.
-        lidar_segments_m: (E, 4) all faces that the lidar sees, in w.
-        starts: true start poses: the map frames.
-        robot: the spec of both robots.
+        furniture: as rows of `SOLIDS_TYPE`.
+        density: of the furniture.
+        lidar_segments_m: (E, 4) outlines of everything that the lidar sees, in w.
+        starts: true start poses, which are the map frames.
+        robot: of both robots.
         drive: how they moved.
     """
 
@@ -39,7 +39,9 @@ class Scene:
     drive: str
 
 
-def sighting_rows(scene: Scene, episode: Episode, *, episode_id: str, seed: int) -> Iterator[dict[str, Any]]:
+def sighting_rows(
+    scene: EpisodeScene, episode: Episode, *, episode_id: str, seed: int
+) -> Iterator[dict[str, Any]]:
     """One row of `EXPLORE` per sighting: two for an event in which both robots see each other."""
     for number, event in enumerate(episode.events):
         ghosts = _ghosts(scene, event)
@@ -64,8 +66,8 @@ def sighting_rows(scene: Scene, episode: Episode, *, episode_id: str, seed: int)
             }
 
 
-def _ghosts(scene: Scene, event: Rendezvous) -> list[int]:
-    """How many cells of each robot's map the other one left."""
+def _ghosts(scene: EpisodeScene, event: Rendezvous) -> list[int]:
+    """Number of cells in each robot's map that the other robot left."""
     counts = []
     for own, other in ((0, 1), (1, 0)):
         snapshot = event.snapshots[own]
@@ -95,7 +97,7 @@ def _seen(sighting: Sighting, robot: RobotSpec) -> dict[str, Any]:
     }
 
 
-def _pair(scene: Scene, event: Rendezvous, observer: int, ghosts: Sequence[int]) -> dict[str, Any]:
+def _pair(scene: EpisodeScene, event: Rendezvous, observer: int, ghosts: Sequence[int]) -> dict[str, Any]:
     """The two robots' maps and poses; robot 0 is the observer."""
     order = (observer, 1 - observer)
     first, second = (event.snapshots[i] for i in order)

@@ -1,1 +1,1 @@
-"""What the two training stages share, and the fit of their confidence."""
+"""Parts of the two training stages, and the calibration of trained networks."""

@@ -1,4 +1,4 @@
-"""Fit how a trained matcher's posterior is to be read on validation pairs, and keep it with the weights."""
+"""Calibrate a trained matcher on validation pairs; the calibration is stored with the weights."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from rendezvous.training.frame_error.perturbation import (
 )
 
 PAIRS = 400
-"""So many, spread evenly over the validation split, tell a coverage to within three points."""
+"""Enough, spread evenly over the validation split, to measure a coverage to within three points."""
 _SPLIT = "validation"
 LEAST_PAIRS = 20
 
@@ -32,23 +32,23 @@ LEAST_PAIRS = 20
 def calibrate(
     weights: Path, dataset: str, *, seed: int, threads: int, count: int = PAIRS, console: Console
 ) -> MatcherCalibration:
-    """Write a calibration into a matcher's weights; the weights themselves stay.
+    """Write a calibration into the file of a matcher's weights; the weights themselves stay the same.
 
     Args:
-        weights: as `train` writes them; replaced in one step.
-        dataset: folder that `pack` wrote.
+        weights: written by `train`; replaced in one step.
+        dataset: folder written by `pack`.
         seed: of the frame errors.
-        threads: of the processor.
-        count: validation pairs, at most.
-        console: where to tell.
+        threads: processor threads.
+        count: most validation pairs to use.
+        console: for progress and the result.
 
     Raises:
         StoreError: weights or dataset are missing or damaged.
-        ConfigError: the weights are another model's, or there are too few validation pairs.
+        ConfigError: the weights are of another model, or there are too few validation pairs.
     """
     disk = Disk(str(weights.parent))
     found, where = read_checkpoint(disk.read(weights.name), where=str(weights)), str(weights)
-    # As the scores have it, whatever an earlier calibration said.
+    # Without an earlier calibration.
     bare = with_record(found, calibration=MatcherCalibration().as_dict())
     estimator = load(bare, "matcher", DEFAULT_SEARCH, where=where, threads=threads).estimator
     assert isinstance(estimator, MatcherEstimator)
@@ -59,13 +59,15 @@ def calibrate(
             f"{dataset}: {len(readings)} validation pairs show both maps; a calibration needs {LEAST_PAIRS}"
         )
     calibration = fitted(readings)
-    told = {"pairs": len(readings), "data": pairs.digest()}
-    disk.write(weights.name, with_record(found, calibration=calibration.as_dict(), calibrated_on=told))
-    console.print(_told(calibration, len(readings)), highlight=False)
+    calibrated_on = {"pairs": len(readings), "data": pairs.digest()}
+    disk.write(
+        weights.name, with_record(found, calibration=calibration.as_dict(), calibrated_on=calibrated_on)
+    )
+    console.print(_summary(calibration, len(readings)), highlight=False)
     return calibration
 
 
-def _told(calibration: MatcherCalibration, pairs: int) -> str:
+def _summary(calibration: MatcherCalibration, pairs: int) -> str:
     return (
         f"calibrate: on {pairs} validation pairs: sharpness {calibration.sharpness:.2f}; covariance times "
         f"{calibration.scale:.2f}, at least {1e3 * calibration.floor_m:.1f} mm, "

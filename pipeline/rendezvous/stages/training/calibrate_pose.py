@@ -1,5 +1,4 @@
-"""Fit how a trained relative-pose network is to be read on validation images, and keep it with the
-weights."""
+"""Calibrate a trained relative-pose network on validation images; stored with the weights."""
 
 from __future__ import annotations
 
@@ -27,52 +26,53 @@ from rendezvous.store.read import StageReader
 from rendezvous.training.checkpoint import read_checkpoint, with_record
 
 IMAGES = 600
-"""So many, drawn at random from the validation split, tell a coverage to within two points."""
+"""Enough, drawn at random from the validation split, to measure a coverage to within two points."""
 LEAST_ROWS = 20
-"""Images in which the robot must be found."""
+"""Fewest images in which the robot must be found."""
 LEAST_VISIBILITY = 0.3
-"""An image that shows less of the robot, but some, counts neither as one with it nor as one without."""
+"""An image that shows the robot, but less of it, counts neither as with the robot nor as without."""
 _SPLIT = "validation"
 
 
 def calibrate_pose(
     weights: Path, dataset: str, *, seed: int, threads: int, count: int = IMAGES, console: Console
 ) -> PoseCalibration:
-    """Write a calibration into a relative-pose network's weights; the weights themselves stay.
+    """Write a calibration into the file of the network's weights; the weights themselves stay the same.
 
-    Every image is read twice: as it is, and with the robot covered by what is beside it, for images without
-    a robot are few and what else is about is the same.
+    Each image is read twice, as it is and with the robot painted over: images without a robot are few.
 
     Args:
-        weights: as `train-pose` writes them; replaced in one step.
-        dataset: folder that `pack` wrote.
+        weights: written by `train-pose`; replaced in one step.
+        dataset: folder written by `pack`.
         seed: of the draw of images.
-        threads: of the processor.
-        count: validation images, at most.
-        console: where to tell.
+        threads: processor threads.
+        count: most validation images to use.
+        console: for progress and the result.
 
     Raises:
         StoreError: weights or dataset are missing or damaged.
-        ConfigError: the weights are another model's, or the robot was found in too few images.
+        ConfigError: the weights are of another model, or the robot was found in too few images.
     """
     torch.set_num_threads(threads)
     disk = Disk(str(weights.parent))
     checkpoint = read_checkpoint(disk.read(weights.name), where=str(weights))
-    # As the maps have it, whatever an earlier calibration said.
+    # Without an earlier calibration.
     bare = with_record(checkpoint, calibration=PoseCalibration().as_dict())
     estimator = load_relative_pose(bare, where=str(weights))
     images = read_images(StageReader(dataset, "pack"), _SPLIT, count=count, seed=seed)
     calibration, found = _calibration(estimator, images, dataset, console)
-    told = {"images": len(images), "found": found, "data": digest_of_images(images)}
-    disk.write(weights.name, with_record(checkpoint, calibration=calibration.as_dict(), calibrated_on=told))
-    console.print(_told(calibration, len(images), found), highlight=False)
+    calibrated_on = {"images": len(images), "found": found, "data": digest_of_images(images)}
+    disk.write(
+        weights.name, with_record(checkpoint, calibration=calibration.as_dict(), calibrated_on=calibrated_on)
+    )
+    console.print(_summary(calibration, len(images), found), highlight=False)
     return calibration
 
 
 def _calibration(
     estimator: RelativePoseEstimator, images: Sequence[SeenImage], dataset: str, console: Console
 ) -> tuple[PoseCalibration, int]:
-    """The calibration, and in how many images the robot itself was read."""
+    """The calibration, and the number of images in which the robot was found."""
     detections = list[tuple[SeenImage, ObservationModel, Detection, bool]]()
     empty = 0
     with meter("calibrate", total=len(images), console=console, parts="images", rows="images") as progress:
@@ -108,7 +108,7 @@ def _calibration(
 
 
 def _versions(image: SeenImage) -> list[tuple[Image, bool]]:
-    """Pixels to read, and whether they show the robot."""
+    """The images to read, each with whether it shows the robot."""
     pixels, truth = image.pixels(), image.truth
     if not truth.shows_robot:
         return [(pixels, False)]
@@ -117,7 +117,7 @@ def _versions(image: SeenImage) -> list[tuple[Image, bool]]:
 
 
 def _true_points(image: SeenImage, sighting: ObservationModel, detection: Detection) -> Array | None:
-    """(9, 2) [px] the robot's points if the close look is at it; None otherwise."""
+    """(9, 2) [px] the robot's true keypoints; None if the close look misses the robot."""
     assert image.T_c_o is not None
     uv_px = project_cuboid(image.T_c_o, sighting.robot.size_m, image.camera)
     look = detection.looks[0].look
@@ -126,7 +126,7 @@ def _true_points(image: SeenImage, sighting: ObservationModel, detection: Detect
     return uv_px if inside and np.isfinite(uv_px).all() else None
 
 
-def _told(calibration: PoseCalibration, images: int, found: int) -> str:
+def _summary(calibration: PoseCalibration, images: int, found: int) -> str:
     return (
         f"calibrate: on {images} validation images, the robot found in {found}: peaks to "
         f"{calibration.peak_floor_cells:.3f} cells; added {100.0 * calibration.along_share:.2f} % of the "

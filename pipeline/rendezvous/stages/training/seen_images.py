@@ -1,4 +1,4 @@
-"""Images of the published dataset that a robot took, each with what an estimator is given and the truth."""
+"""Images of the published dataset that a robot took, with an estimator's inputs and the truth."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ from rendezvous.store.records import digest_of
 
 PLAUSIBLE, SIGHTING = "plausible", "sighting"
 KINDS = (PLAUSIBLE, SIGHTING)
-"""Training images on the floor of a room, and what robot 0 saw at a rendezvous. The `free` training images
-are left out: no robot takes them, so there is neither a camera's height nor a relative pose on a floor."""
+"""Plausible training images, and robot 0's view at each sighting. The `free` training images are left out:
+no robot takes them, so there is neither a camera height nor a relative pose on a floor."""
 
 _TABLES = {PLAUSIBLE: (POSES, "pose_id"), SIGHTING: (PAIRS, "pair_id")}
 _SEEN = (
@@ -44,13 +44,13 @@ class SeenImage:
     Attributes:
         truth: what it shows.
         encoded: JPEG or PNG.
-        camera: that took it.
-        T_r0_c: (4, 4) pose of the camera on robot 0, as its file has it.
+        camera: intrinsics.
+        T_r0_c: (4, 4) pose of the camera on robot 0 by the robot's file.
         cuboid_size_m: sides of robot 1's cuboid.
-        T_r1_o: (4, 4) its pose on robot 1.
-        box_px: (4,) around its visible pixels; None where there are none.
+        T_r1_o: (4, 4) pose of that cuboid on robot 1.
+        box_px: (4,) box around robot 1's visible pixels; None if there are none.
         plan_digest: of the floor plan.
-        T_c_o: (4, 4) the true pose of robot 1's cuboid in the camera; None where robot 1 is absent.
+        T_c_o: (4, 4) true pose of robot 1's cuboid in the camera; None if robot 1 is absent.
     """
 
     truth: ImageTruth
@@ -82,13 +82,13 @@ def read_images(
 
     Args:
         reader: of the published dataset.
-        split: of it.
-        kinds: of `KINDS`.
-        count: at most so many, drawn at random, uniformly; a larger draw holds a smaller one.
+        split: its name.
+        kinds: from `KINDS`.
+        count: most images to draw (uniform); a larger draw contains a smaller one. None for all.
         seed: of the draw.
 
     Raises:
-        StoreError: there is none, or a file is missing or damaged or lacks a column.
+        StoreError: there are none, or a file is missing, damaged or lacks a column.
     """
     places = {kind: _places(reader, split, kind) for kind in kinds}
     total = sum(table.num_rows for table in places.values())
@@ -108,7 +108,7 @@ def read_images(
 
 
 def digest_of_images(images: Sequence[SeenImage]) -> str:
-    """Of all that an estimator is given, and of the truth."""
+    """Digest of the estimators' inputs and of the truth."""
     return digest_of(
         {
             image.truth.image_id: [
@@ -124,7 +124,7 @@ def digest_of_images(images: Sequence[SeenImage]) -> str:
 
 
 def _places(reader: StageReader, split: str, kind: str) -> pa.Table:
-    """Where the images of one kind lie; no rows where the table or its images are not there."""
+    """The places of one kind's images; no rows if the table or its images are missing."""
     schema, id_column = _TABLES[kind]
     under = f"{schema.name}/{split}-"
     columns = (id_column, "visibility", *(("mode",) if kind == PLAUSIBLE else ()))
@@ -169,7 +169,7 @@ def _seen(row: dict[str, Any], kind: str, image_id: str) -> SeenImage:
 
 
 def _true_pose(row: dict[str, Any], kind: str) -> SE2 | None:
-    """Where robot 1 stands; in a plausible image by the camera as it truly stood, a little askew."""
+    """True pose of robot 1 in robot 0; a plausible image has its own true camera pose, a little askew."""
     if row["T_c_o"] is None:
         return None
     if kind == SIGHTING:

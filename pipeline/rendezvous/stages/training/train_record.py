@@ -1,4 +1,4 @@
-"""What is written and told while a model is trained."""
+"""Validation points, checkpoints and progress of a training run."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from rendezvous.training.parameters import Budget
 from rendezvous.training.processes import Processes
 
 CHECKPOINT, WEIGHTS, CURVE = "checkpoint.safetensors", "weights.safetensors", "curve.json"
-"""To go on from; to use; error against training samples."""
+"""To resume from; to use; error against training samples."""
 
 _SCALARS_EVERY_STEPS = 10
 
@@ -33,20 +33,20 @@ ModelSeen = TypeVar("ModelSeen", bound=TrainableModel[Any], contravariant=True)
 
 
 class Validation(Protocol[ModelSeen]):
-    """Measures averaged weights on what stays the same."""
+    """Measures the averaged weights on samples that stay the same."""
 
     def figures(self, model: ModelSeen) -> Mapping[str, Any]:
-        """What the model's point of the curve tells of them."""
+        """Fields of the model's curve point."""
 
     def pictures(self, model: ModelSeen) -> Mapping[str, Image]:
-        """What TensorBoard shows of them, by name."""
+        """Images for TensorBoard, by name."""
 
 
 class Recorder(Generic[Model]):
-    """Validates, saves and tells, in the first process; the others only train.
+    """Validates, saves and reports, in the first process only.
 
-    A point of the curve is due whenever another of `validations` equal parts of the budget is spent, a
-    checkpoint with it and every `checkpoint_every_s`.
+    A curve point is due after each of `validations` equal parts of the budget; a checkpoint is due with each
+    point and every `checkpoint_every_s`.
     """
 
     def __init__(
@@ -67,11 +67,11 @@ class Recorder(Generic[Model]):
         self._processes, self._console = processes, console
         self._events: SummaryWriter | None = None
         if processes.first:
-            # What a killed run told after its last checkpoint is told once more: TensorBoard shall drop it.
+            # A killed run's events after its last checkpoint will come again: TensorBoard drops them.
             purge_step = resumed_samples + 1 if resumed_samples else None
             self._events = _events(folder, purge_step)
         self._status: Status | None = None
-        self._saved_s = self._told_s = time.monotonic()
+        self._saved_s = self._reported_s = time.monotonic()
         self._rate_from: tuple[float, int] | None = None
 
     def __enter__(self) -> Recorder[Model]:
@@ -89,11 +89,11 @@ class Recorder(Generic[Model]):
             self._events.close()
 
     def after(self, state: TrainingState[Model], step: Step) -> None:
-        """See what is due after a step."""
+        """Do what is due after a step."""
         if not self._processes.first:
             return
         spent = self._budget.spent(state.samples, state.elapsed_s)
-        self._tell(state, step, spent)
+        self._report(state, step, spent)
         if state.step % _SCALARS_EVERY_STEPS == 0:
             self._write_scalars(state, step)
         parts = self._section.validations
@@ -104,7 +104,7 @@ class Recorder(Generic[Model]):
             self._save(state)
 
     def finish(self, state: TrainingState[Model]) -> None:
-        """The last point and the last checkpoint."""
+        """Write the last point and the last checkpoint."""
         if not self._processes.first:
             return
         if state.loss_steps:
@@ -130,13 +130,13 @@ class Recorder(Generic[Model]):
                 self._events.add_image(name, picture, state.samples, dataformats="HWC")
 
     def _save(self, state: TrainingState[Model]) -> None:
-        """Checkpoint last: whoever finds it finds the others no older.
+        """Write weights, curve and checkpoint, in this order, so that no checkpoint is ahead of the others.
 
-        The weights tell the curve as well: a kill before the next file leaves that one a point behind.
+        The weights' record has the curve too, because a kill may leave the curve's file a point behind.
         """
-        told = {**self._about, "curve": [point.as_dict() for point in state.curve]}
-        self._disk.write(WEIGHTS, weights_bytes(state, told))
-        self._disk.write(CURVE, json_bytes({**told, "samples": state.samples}))
+        record = {**self._about, "curve": [point.as_dict() for point in state.curve]}
+        self._disk.write(WEIGHTS, weights_bytes(state, record))
+        self._disk.write(CURVE, json_bytes({**record, "samples": state.samples}))
         self._disk.write(CHECKPOINT, checkpoint_bytes(state, self._about))
         self._saved_s = time.monotonic()
 
@@ -151,16 +151,16 @@ class Recorder(Generic[Model]):
         for name, value in scalars.items():
             self._events.add_scalar(f"train/{name}", value, state.samples)
 
-    def _tell(self, state: TrainingState[Model], step: Step, spent: float) -> None:
-        """How fast it goes and how long it will take, from this process's own steps."""
+    def _report(self, state: TrainingState[Model], step: Step, spent: float) -> None:
+        """Report the rate and the time left, from this process's own steps."""
         now_s = time.monotonic()
         if self._rate_from is None:
             self._rate_from = (state.elapsed_s, state.samples)
             return
-        due = self._status is not None or now_s - self._told_s >= LINE_EVERY_S
+        due = self._status is not None or now_s - self._reported_s >= LINE_EVERY_S
         if not due or state.elapsed_s <= self._rate_from[0]:
             return
-        self._told_s = now_s
+        self._reported_s = now_s
         per_s = (state.samples - self._rate_from[1]) / (state.elapsed_s - self._rate_from[0])
         left_s = state.elapsed_s * max(1.0 - spent, 0.0) / max(spent, 1e-9)
         line = (
@@ -177,13 +177,13 @@ class Recorder(Generic[Model]):
 
 
 def _events(folder: Path, purge_step: int | None) -> SummaryWriter:
-    """TensorBoard's, in the folder of the run: the first that is written there.
+    """TensorBoard's writer, which creates the run's folder.
 
     Raises:
-        StoreError: it is no folder that can be written to.
+        StoreError: the folder cannot be written.
     """
     try:
         return SummaryWriter(str(folder), purge_step=purge_step)
     except OSError as error:
-        told = (error.strerror or str(error)).lower()
-        raise StoreError(f"{folder}: {told}; --out must name a folder that can be written to") from error
+        reason = (error.strerror or str(error)).lower()
+        raise StoreError(f"{folder}: {reason}; --out must name a folder that can be written to") from error

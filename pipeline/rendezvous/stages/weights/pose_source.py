@@ -1,4 +1,4 @@
-"""Where an estimator of the relative pose comes from: weights that any worker process can load."""
+"""Sources of relative-pose estimators that worker processes can load."""
 
 from __future__ import annotations
 
@@ -22,34 +22,37 @@ TRAINED_POSE_WEIGHTS = Path("runs/relative-pose/weights.safetensors")
 
 
 class PoseSource(Protocol):
-    """What makes an estimator; small to pickle, and equal if what it makes is equal."""
+    """Makes an estimator. Small to pickle; sources of equal estimators are equal."""
 
     @property
     def digest(self) -> str:
-        """Of the weights."""
+        """SHA-256 of the weights."""
 
     def estimator(self, *, floor: bool) -> ImagePoseEstimator:
-        """The estimator, whose robot stands on the camera's floor or anywhere.
+        """The estimator.
+
+        Args:
+            floor: assume that the seen robot stands on the observer's floor.
 
         Raises:
-            PipelineError: it cannot be made.
+            PipelineError: the weights cannot be read, or PyTorch is missing.
         """
 
     def record(self) -> dict[str, Any]:
-        """What the weights tell of their training.
+        """The record of the training.
 
         Raises:
-            PipelineError: they cannot be read.
+            PipelineError: the weights cannot be read.
         """
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PoseWeights:
-    """The estimator that `rendezvous train-pose` trained.
+    """Weights written by `rendezvous train-pose`.
 
     Attributes:
-        path: of its weights.
-        digest: of that file.
+        path: their file.
+        digest: SHA-256 of that file.
     """
 
     path: Path
@@ -57,7 +60,7 @@ class PoseWeights:
 
     @staticmethod
     def found(path: Path | None) -> PoseWeights:
-        """The weights of a file; by default those in `runs/`, or else the shipped ones.
+        """The weights in a file; by default those in `runs/`, or else the shipped ones.
 
         Raises:
             StoreError: there is no such file.
@@ -73,11 +76,11 @@ class PoseWeights:
         return PoseWeights(path=there, digest=hashlib.sha256(_bytes(there)).hexdigest())
 
     def estimator(self, *, floor: bool) -> ImagePoseEstimator:
-        """The estimator, with one thread."""
+        """The estimator, limited to one thread."""
         return _loaded(self, floor)
 
     def record(self) -> dict[str, Any]:
-        """What the weights tell of their training."""
+        """The record of the training."""
         _require_torch()
         from rendezvous.training.checkpoint import read_checkpoint
 
@@ -93,17 +96,16 @@ def require_known_robot(
     whose: str,
     instead: str,
 ) -> None:
-    """See that weights read the pose of this robot: they know one, by its cuboid.
+    """Check that weights were trained on this robot, by its cuboid.
 
     Args:
-        record: what the weights tell of their training.
+        record: of the weights' training.
         size_m: sides of the robot's cuboid.
-        T_r1_o: (4, 4) its pose on the robot.
-        weights, whose, instead: for the message: where the weights are, whose cuboid it is, what else would
-            be right.
+        T_r1_o: (4, 4) pose of the cuboid on the robot.
+        weights, whose, instead: for the message: the weights' file, whose cuboid it is, what else would help.
 
     Raises:
-        ConfigError: they know another one.
+        ConfigError: they were trained on another robot.
     """
     known = record["robot"]
     its = known["size_m"], np.reshape(known["T_r1_o"], (4, 4))

@@ -1,4 +1,4 @@
-"""Weights of the relative-pose network as an estimator."""
+"""Load the relative-pose network as an estimator."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from rendezvous.training.relative_pose.model import POSE_MODEL, PoseModel
 
 
 def load_relative_pose(data: bytes, *, where: str) -> RelativePoseEstimator:
-    """The estimator from the bytes of its weights.
+    """The estimator with these weights.
 
     Args:
-        data: as `train-pose` writes them.
-        where: for messages.
+        data: a file of weights written by `train-pose`.
+        where: the file's name, for messages.
 
     Raises:
         StoreError: the file is damaged.
-        ConfigError: the weights are another model's, or their record lacks something.
+        ConfigError: the weights are of another model, or their record is incomplete.
     """
     found = read_checkpoint(data, where=where)
     record = found.record

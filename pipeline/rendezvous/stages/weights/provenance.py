@@ -1,4 +1,4 @@
-"""Where measured figures come from: the code, the packages and the machine."""
+"""The code, packages and machine behind measured figures."""
 
 from __future__ import annotations
 
