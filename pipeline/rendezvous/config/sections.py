@@ -25,11 +25,7 @@ Seed = Annotated[int, Field(ge=0, le=2**63 - 1)]  # a column of the dataset hold
 
 
 class StageSection(Section):
-    """One stage's parameters.
-
-    Fields are numbers, strings, lists, or frozen dataclasses of the rooms; what bounds a value is written
-    in its type. `stages.yaml` holds the values.
-    """
+    """One stage's parameters: numbers, strings, lists, or frozen dataclasses of the rooms."""
 
     @classmethod
     def stage(cls) -> str:

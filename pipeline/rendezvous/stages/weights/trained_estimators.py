@@ -37,8 +37,8 @@ class Trained:
 
     Attributes:
         estimator: window in, frame error out.
-        record: what its weights' file tells of its training.
-        attention: (P, P) what it looks at in a window; None for a network without attention.
+        record: of the training, from the weights file.
+        attention: gives the attention over a window's patches, (P, P); None for a network without attention.
     """
 
     estimator: FrameErrorEstimator
@@ -48,14 +48,14 @@ class Trained:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NetworkEstimator:
-    """A network that gives the frame error and nothing else."""
+    """A network that gives the frame error alone."""
 
     name: str
     model: FrameErrorModel
 
     @torch.inference_mode()
     def __call__(self, window: MapWindow) -> Estimate:
-        """The frame error that the network sees."""
+        """The network's estimate."""
         device = next(self.model.parameters()).device
         sight = np.zeros_like(window.cells) if window.sight is None else window.sight
         layers = (torch.from_numpy(layer)[None].to(device) for layer in (window.cells, sight))
@@ -65,7 +65,7 @@ class NetworkEstimator:
 
 @dataclass(frozen=True, kw_only=True)
 class RememberingMatcher(MatcherEstimator):
-    """Keeps the posterior of the last window, so that its density is had without a second look."""
+    """Keeps the posterior of the last window, so that its density costs no second pass."""
 
     last: dict[str, Any] = field(default_factory=dict, repr=False)
 
@@ -78,18 +78,18 @@ class RememberingMatcher(MatcherEstimator):
 
 
 def load(data: bytes, name: str, search: SearchRange, *, where: str, threads: int) -> Trained:
-    """A trained method from the bytes of its weights.
+    """The trained method with these weights.
 
     Args:
-        data: as `train` writes them.
-        name: of the method; the weights should be of its model.
-        search: where to look, for a model that searches.
-        where: for messages.
-        threads: of the processor that the network may use.
+        data: a weights file written by `train`.
+        name: the method; the weights must be of its model.
+        search: range of the search, for a model that searches.
+        where: the file's name, for messages.
+        threads: processor threads that the network may use.
 
     Raises:
         StoreError: the file is damaged.
-        ConfigError: the weights are another model's, or were trained on another window.
+        ConfigError: the weights are of another model, or were trained on another window.
     """
     found = read_checkpoint(data, where=where)
     record = found.record
@@ -100,9 +100,9 @@ def load(data: bytes, name: str, search: SearchRange, *, where: str, threads: in
     try:
         sampling = TypeAdapter(Sampling).validate_python(record["sampling"])
     except ValidationError as error:
-        told = error.errors()[0]
-        place = ".".join(str(key) for key in told["loc"])
-        raise ConfigError(f"{where}: sampling.{place}: {told['msg']}; train anew") from error
+        fault = error.errors()[0]
+        place = ".".join(str(key) for key in fault["loc"])
+        raise ConfigError(f"{where}: sampling.{place}: {fault['msg']}; train anew") from error
     _require_same_window(kind, sampling, where=where)
     model = rebuilt_model(kind, record["network"], sampling)
     fit_weights_in_place(model, found.under("average.") or found.tensors, where=where)
@@ -127,7 +127,7 @@ def load(data: bytes, name: str, search: SearchRange, *, where: str, threads: in
 
 
 def _require_same_window(kind: str, sampling: Sampling, *, where: str) -> None:
-    """A model of the paper would see another window at a wrong scale; the matcher minds only the cells."""
+    """Check the window: a model of the paper needs the same size, the matcher only the same cells."""
     same_cells = math.isclose(sampling.window_cell_m, WINDOW_CELL_M)
     if same_cells and (kind == DEFAULT_MODEL or sampling.window_cells == WINDOW_CELLS):
         return
