@@ -1,11 +1,15 @@
 from __future__ import annotations
 
+from importlib import import_module
 from pathlib import Path
 
 import pytest
 from rendezvous.errors import FloorplanError
+from rendezvous.exploration.records import Episode
+from rendezvous.geometry.se2 import SE2
 from rendezvous.robot_file import ROBOTS
 from rendezvous.schema import EXPLORE
+from rendezvous.seeds import stream
 from rendezvous.stages.explore import explore
 from rendezvous.stages.floorplans import floorplans
 from rendezvous.stages.meshes import meshes
@@ -47,6 +51,28 @@ def test_more_episodes_leave_the_first_ones_as_they_were(make_run: MakeRun) -> N
     explore(many)
     after = {row["pair_id"]: row["map_0"] for row in many.read("explore").rows()}
     assert before.items() <= after.items()
+
+
+def test_each_episode_has_starts_furniture_and_noise_of_its_own(
+    make_run: MakeRun, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """And they come from streams keyed by plan and number, in whatever order episodes are run."""
+    seen: list[tuple[tuple[SE2, SE2], int, float]] = []
+
+    def stands(surroundings, robots, starts, parameters, *, rng) -> Episode:
+        seen.append((starts, len(surroundings.lidar_scene.segments_m), rng.random()))
+        return Episode(events=(), simulated_s=0.0, last=())  # type: ignore[arg-type]
+
+    monkeypatch.setattr(import_module("rendezvous.stages.explore"), "run_episode", stands)
+    run = prepared(make_run, "explore.episodes_per_plan=4")
+    counts = explore(run).counts()
+    assert counts["episodes"] == counts["episodes_without_meeting"] == len(seen) == 4
+    assert [draw for *_, draw in seen] == [
+        stream(0, "explore", "rdv-008", number, "episode").random() for number in range(4)
+    ]
+    places = [(start.x_m, start.y_m) for starts, *_ in seen for start in starts]
+    assert len(set(places)) == 8
+    assert len({segments for _, segments, _ in seen}) > 1
 
 
 def test_when_no_episode_can_be_run_it_says_why(make_run: MakeRun) -> None:

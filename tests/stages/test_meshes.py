@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+from importlib import import_module
 from pathlib import Path
 
 import mujoco
@@ -13,8 +14,10 @@ import trimesh
 from rendezvous.commands.export.plan import export_floorplans, export_plan
 from rendezvous.engine.run import Run
 from rendezvous.errors import FloorplanError, StoreError
+from rendezvous.floorplan.records import Floorplan, Solid
 from rendezvous.floorplan.walls import wall_boxes
 from rendezvous.plan_schema import plan_of, solids_of
+from rendezvous.seeds import stream
 from rendezvous.stages.floorplans import floorplans
 from rendezvous.stages.meshes import meshes
 
@@ -56,8 +59,25 @@ def test_every_plan_has_its_walls_meshes_and_a_scene_that_mujoco_opens(run: Run)
         assert model.ngeom > len(walls) + len(row["furniture"])
 
 
+def test_each_plan_draws_from_a_stream_of_its_own(make_run: MakeRun, monkeypatch: pytest.MonkeyPatch):
+    draws: dict[str, float] = {}
+
+    def furnish(plan: Floorplan, rng: np.random.Generator, **_: float) -> list[Solid]:
+        draws[plan.plan_id] = rng.random()
+        return []
+
+    monkeypatch.setattr(import_module("rendezvous.stages.meshes"), "furnish", furnish)
+    run = make_run(SMALL, seed=3)
+    floorplans(run)
+    meshes(run)
+    assert len(draws) == 4
+    assert draws == {plan: stream(3, "meshes", plan).random() for plan in draws}
+
+
 def test_the_robots_of_the_scene_stand_free_in_it(run: Run):
-    for row in run.read("meshes").rows():
+    rows = list(run.read("meshes").rows())
+    assert len(rows) == 4
+    for row in rows:
         model = mujoco.MjModel.from_xml_string(row["mjcf"])
         data = mujoco.MjData(model)
         mujoco.mj_forward(model, data)
@@ -65,6 +85,7 @@ def test_the_robots_of_the_scene_stand_free_in_it(run: Run):
         touching = {int(geom) for contact in data.contact[: data.ncon] for geom in contact.geom}
         robots = {model.body("r0").id, model.body("r1").id}
         scene = {g for g in touching if model.geom_bodyid[g] == 0 and g != floor}
+        assert floor in touching  # on which their wheels stand
         assert scene == set()
         apart_m = np.linalg.norm(np.subtract(*[data.xpos[body][:2] for body in robots]))
         assert apart_m > 0.5

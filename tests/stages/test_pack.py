@@ -143,7 +143,9 @@ def test_files_are_numbered_and_hold_the_rows_asked_for(table, most, dataset):
 
 @pytest.mark.parametrize(("table", "images"), [("pairs", {"map_0", "map_1", "image"}), ("poses", {"image"})])
 def test_files_have_page_indices_raw_images_and_image_features(table, images, dataset):
-    for path in dataset.glob(f"{table}/*.parquet"):
+    paths = list(dataset.glob(f"{table}/*.parquet"))
+    assert len(paths) > 3
+    for path in paths:
         metadata = pq.read_metadata(path)
         group = metadata.row_group(0)
         columns = {group.column(i).path_in_schema: group.column(i) for i in range(group.num_columns)}

@@ -63,7 +63,11 @@ def _tables(data: str):
     run = run_in(data, ONE_PLAN)
     sightings = {row["pair_id"]: row for row in _rows(run.read("explore"), EXPLORE)}
     views = {row["pair_id"]: row for row in _rows(run.read("render"), VIEWS, "views/")}
-    return sightings, views, _rows(run.read("render"), POSES, "poses/")
+    poses = _rows(run.read("render"), POSES, "poses/")
+    assert sightings
+    assert views
+    assert len(poses) == 6
+    return sightings, views, poses
 
 
 def test_each_sighting_has_one_view_with_the_robot_where_it_was(driven: str) -> None:
