@@ -10,7 +10,6 @@ labels are kept: what draws them differs from machine to machine, and golden.png
 from __future__ import annotations
 
 import hashlib
-import io
 import json
 import math
 import tempfile
@@ -21,29 +20,21 @@ from typing import Any
 import mujoco
 import numba as nb
 import numpy as np
-from rendezvous.config.load import load_config
 from rendezvous.config.stage_table import DATASET_STAGES
-from rendezvous.engine.pool import Engine
 from rendezvous.engine.run import Run
 from rendezvous.stages import stage_function
 from rendezvous.store.read import StageReader
-from rich.console import Console
+
+from tests.conftest import run_in
 
 GOLDEN = Path(__file__).with_name("golden.json")
-STAGES_YAML = Path(__file__).parents[1] / "stages.yaml"
 
 _ROW = ("pair_id", "t_s", "T_w_m0", "T_w_m1", "T_m0_m1", "overlap", "slam_position_error_0_m")
 
 
 def make(data: str) -> Run:
     """The smoke preset at seed 0, in this process."""
-    run = Run(
-        config=load_config(STAGES_YAML, preset="smoke", seed=0),
-        data=data,
-        workers=1,
-        engine=Engine.INLINE,
-        console=Console(file=io.StringIO()),
-    )
+    run = run_in(data, seed=0)
     for stage in DATASET_STAGES:
         stage_function(stage)(run)
     return run

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -10,8 +9,6 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from rendezvous.config.load import load_config
-from rendezvous.engine.pool import Engine
 from rendezvous.engine.run import Run, Task, part_name
 from rendezvous.schema import EXPLORE, POSES, VIEWS
 from rendezvous.stages.pack import LAYOUT
@@ -19,11 +16,10 @@ from rendezvous.stages.render import LAYOUT as RENDER_LAYOUT
 from rendezvous.store.digest import column_types
 from rendezvous.store.read import chunks
 from rendezvous.store.records import Inputs, Quarantined, Shard
-from rich.console import Console
 
+from tests.conftest import run_in
 from tests.synthetic import synthetic_pose, synthetic_row, synthetic_view
 
-STAGES_YAML = Path(__file__).parents[1] / "stages.yaml"
 SHARES = ("pack.validation_fraction=0.3", "pack.test_fraction=0.3", "pack.rows_per_file=4")
 PARAMETERS = {"explore.max_range_m": 4.0, "explore.robot": {"name": "scout", "radius_m": 0.2}}
 PLANS, POSED_PLANS, POSES_PER_PLAN = 10, 12, 5
@@ -41,10 +37,7 @@ POSE_ROWS = [
 
 def synthetic_run(data: Path, *overrides: str) -> Run:
     """A run whose split shares suit ten plans, in this process."""
-    config = load_config(STAGES_YAML, preset="smoke", overrides=[*SHARES, *overrides])
-    return Run(
-        config=config, data=str(data), workers=1, engine=Engine.INLINE, console=Console(file=io.StringIO())
-    )
+    return run_in(str(data), [*SHARES, *overrides])
 
 
 def shard_of(rows: list[dict[str, Any]]) -> Shard:

@@ -2,51 +2,32 @@
 
 from __future__ import annotations
 
-import io
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from rendezvous.config.load import load_config
-from rendezvous.engine.pool import Engine
-from rendezvous.engine.run import Run
+from rendezvous.config.stage_table import DATASET_STAGES
 from rendezvous.evaluation.metrics import pose_error
 from rendezvous.geometry.camera import PinholeCamera, se3_from_se2
 from rendezvous.geometry.occupancy_grid import FREE, OccupancyGrid, grid_from_png, overlap
 from rendezvous.geometry.se2 import SE2
 from rendezvous.geometry.wall_agreement import wall_agreement
 from rendezvous.schema import PAIRS
-from rendezvous.stages.explore import explore
-from rendezvous.stages.floorplans import floorplans
-from rendezvous.stages.meshes import meshes
-from rendezvous.stages.pack import pack
-from rendezvous.stages.render import render
-from rich.console import Console
+from rendezvous.stages import stage_function
+
+from tests.conftest import run_in
 
 pytestmark = pytest.mark.slow
-
-STAGES_YAML = Path(__file__).parents[1] / "stages.yaml"
 
 
 @pytest.fixture(scope="module")
 def rows(tmp_path_factory) -> list[dict[str, Any]]:
     """All pairs of a small dataset."""
     data = tmp_path_factory.mktemp("data")
-    run = Run(
-        config=load_config(
-            STAGES_YAML,
-            preset="smoke",
-            overrides=["explore.episodes_per_plan=3", "render.poses_per_plan=0"],
-        ),
-        data=str(data),
-        workers=1,
-        engine=Engine.INLINE,
-        console=Console(file=io.StringIO()),
-    )
-    for stage in (floorplans, meshes, explore, render, pack):
-        stage(run)
+    run = run_in(str(data), ["explore.episodes_per_plan=3", "render.poses_per_plan=0"])
+    for stage in DATASET_STAGES:
+        stage_function(stage)(run)
     files = sorted((data / "dataset" / "pairs").glob("*.parquet"))
     rows = [row for file in files for row in PAIRS.rows(pq.read_table(file))]
     assert len(rows) >= 20  # below that, the 5th percentile is the worst row

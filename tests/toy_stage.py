@@ -20,7 +20,8 @@ from rendezvous.store.parquet import Layout
 from rendezvous.store.records import Inputs, Quarantined, Shard
 from rich.console import Console
 
-STAGES_YAML = Path(__file__).parent.parent / "stages.yaml"
+from tests.conftest import ROOT
+
 STAGE = "floorplans"  # its folder; what is written there is ours
 LAYOUT = Layout(item_column="item", uncompressed=("blob",))
 
@@ -71,7 +72,7 @@ def folder_content(folder: str | Path) -> dict[str, bytes]:
 
 
 def run_of(data: str, *, workers: int = 1, engine: Engine = Engine.INLINE) -> Run:
-    config = load_config(STAGES_YAML, preset="smoke")
+    config = load_config(ROOT / "stages.yaml", preset="smoke")
     return Run(config=config, data=data, workers=workers, engine=engine, console=Console(stderr=True))
 
 

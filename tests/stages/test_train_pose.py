@@ -20,8 +20,8 @@ from rendezvous.stages.train_pose import train_pose
 from rendezvous.stages.training.train_record import CHECKPOINT, CURVE, WEIGHTS
 from rendezvous.store.read import StageReader
 from rendezvous.training.checkpoint import fit_weights_in_place, read_checkpoint
+from rendezvous.training.published_rows import rows_per_split
 from rendezvous.training.relative_pose.model import PoseModel
-from rendezvous.training.relative_pose.poses import poses_per_split
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 from typer.testing import CliRunner
 
@@ -69,7 +69,7 @@ def curve_of(out: Path) -> list[dict[str, float]]:
 
 
 def test_training_writes_weights_a_curve_and_events_and_says_on_what(data: Path, tmp_path: Path):
-    images = poses_per_split(StageReader(str(data / "dataset"), "pack"))
+    images = rows_per_split(StageReader(str(data / "dataset"), "pack"), "poses")
     said = trained(data, tmp_path / "run")
     assert "calibrate: left out, " in said
     assert f"train relative-pose: poses of {data}/dataset: {images['train']} train, " in said

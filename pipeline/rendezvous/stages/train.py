@@ -11,7 +11,7 @@ from rendezvous.stages.training.calibrate import LEAST_PAIRS, calibrate
 from rendezvous.stages.training.train_record import WEIGHTS
 from rendezvous.stages.training.training_run import about_run, joined_processes, train_in_folder
 from rendezvous.training.frame_error.data import TrainingBatches, validation_batches
-from rendezvous.training.frame_error.pairs import pairs_per_split, read_pairs
+from rendezvous.training.frame_error.pairs import read_pairs
 from rendezvous.training.frame_error.registry import DEFAULT_MODEL, build_model
 from rendezvous.training.frame_error.validation import FrameErrorValidation
 
@@ -63,7 +63,6 @@ def train(run: Run, *, out: Path | None = None, resume: bool = False) -> Path:
             ),
             FrameErrorValidation(batches=measured, device=processes.device, seed=seed),
             rows="pairs",
-            counts=pairs_per_split(reader),
             resume=resume,
             processes=processes,
         )

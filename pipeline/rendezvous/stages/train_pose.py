@@ -17,7 +17,7 @@ from rendezvous.stages.training.training_run import about_run, joined_processes,
 from rendezvous.store.disk import Disk
 from rendezvous.training.relative_pose.data import PoseTrainingBatches, validation_samples
 from rendezvous.training.relative_pose.model import POSE_MODEL, PoseModel, build_pose_model
-from rendezvous.training.relative_pose.poses import KIND, poses_per_split, read_poses
+from rendezvous.training.relative_pose.poses import KIND, read_poses
 from rendezvous.training.relative_pose.validation import PoseValidation
 
 
@@ -67,7 +67,6 @@ def train_pose(run: Run, *, out: Path | None = None, resume: bool = False) -> Pa
             ),
             PoseValidation(samples=samples, sampling=section.sampling, device=processes.device),
             rows=KIND,
-            counts=poses_per_split(reader),
             resume=resume,
             processes=processes,
         )

@@ -181,25 +181,22 @@ class Manifest:
 
     def to_json(self) -> dict[str, Any]:
         """The manifest as written. What most shards share stands once, and shards refer to it by digest."""
-        parameters: dict[str, Any] = {}
-        columns: dict[str, Any] = {}
-        versions: dict[str, Any] = {}
-        shards = []
-        for shard in self.shards:
-            entry = shard.to_json()
-            inputs = entry["inputs"]
-            inputs["parameters"] = _tabled(parameters, inputs["parameters"])
-            inputs["columns"] = _tabled(columns, inputs["columns"])
-            entry["versions"] = _tabled(versions, entry["versions"])
-            shards.append(entry)
+        shared: dict[str, dict[str, Any]] = {"parameters": {}, "columns": {}, "versions": {}}
+        shards = [shard.to_json() for shard in self.shards]
+        for entry in shards:
+            for key, place in (
+                ("parameters", entry["inputs"]),
+                ("columns", entry["inputs"]),
+                ("versions", entry),
+            ):
+                digest = digest_of(place[key])
+                shared[key][digest], place[key] = place[key], digest
         return {
             "stage": self.stage,
             "rows": self.rows,
             "counts": self.counts(),
             "quarantined": len(self.quarantined),
-            "parameters": parameters,
-            "columns": columns,
-            "versions": versions,
+            **shared,
             "files": [asdict(file) for file in self.files],
             "shards": shards,
         }
@@ -227,12 +224,6 @@ def dotted(values: Mapping[str, Any]) -> dict[str, Any]:
         else:
             flat[key] = value
     return flat
-
-
-def _tabled(table: dict[str, Any], value: Any) -> str:
-    digest = digest_of(value)
-    table[digest] = value
-    return digest
 
 
 def digest_of(value: Any) -> str:

@@ -43,6 +43,9 @@ def weights(**told: object) -> bytes:
     return weights_bytes(TrainingState.fresh(model, Optimisation()), about)
 
 
+OTHER_NETWORK = build_pose_model(SETTINGS | {"width": 32}, seed=0).config()
+
+
 def test_weights_tell_all_that_the_estimator_needs():
     calibration = PoseCalibration(along_share=0.07)
     found = load_relative_pose(weights(calibration=calibration.as_dict()), where="here")
@@ -67,7 +70,8 @@ def _changed(**told: object) -> Callable[[], bytes]:
         (lambda: b"", StoreError, "0 bytes that are no whole checkpoint"),
         (_changed(robot={"name": "scout"}), ConfigError, "wrong or missing entry .*size_m"),
         (_changed(sampling=None), ConfigError, "wrong or missing entry"),
-        (_changed(network={"width": 32}), ConfigError, "weights do not fit the model"),
+        (_changed(network={"width": 32}), ConfigError, "^here: .*wrong or missing entry .*blocks is absent"),
+        (_changed(network=OTHER_NETWORK), ConfigError, "weights do not fit the model"),
         (_changed(calibration={"bias": 1.0}), ConfigError, "calibration holds"),
     ],
 )

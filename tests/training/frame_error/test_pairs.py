@@ -12,7 +12,8 @@ from rendezvous.errors import StoreError
 from rendezvous.geometry.occupancy_grid import overlap
 from rendezvous.stages.pack import pack
 from rendezvous.store.read import StageReader
-from rendezvous.training.frame_error.pairs import PairTable, pairs_per_split, read_pairs
+from rendezvous.training.frame_error.pairs import PairTable, read_pairs
+from rendezvous.training.published_rows import rows_per_split
 
 from tests.synthetic_dataset import ROWS, explored, synthetic_run
 from tests.training.conftest import SHARES
@@ -42,7 +43,9 @@ def test_the_meeting_point_is_where_robot_0_truly_sees_robot_1(pairs: PairTable)
 
 def test_splits_share_no_plan_and_are_counted_as_read(published: Path):
     tables = {split: read_pairs(reader_of(published), split) for split in ("train", "validation", "test")}
-    assert {split: len(table) for split, table in tables.items()} == pairs_per_split(reader_of(published))
+    assert {split: len(table) for split, table in tables.items()} == rows_per_split(
+        reader_of(published), "pairs"
+    )
     plans = [set(table.table["plan_id"].to_pylist()) for table in tables.values()]
     assert sum(map(len, plans)) == len(set.union(*plans)) == 10
     assert [len(table.plan_digests()) for table in tables.values()] == [len(p) for p in plans]

@@ -10,7 +10,8 @@ import pyarrow as pa
 import pytest
 from rendezvous.errors import StoreError
 from rendezvous.store.read import StageReader
-from rendezvous.training.relative_pose.poses import COLUMNS, PoseTable, poses_per_split, read_poses
+from rendezvous.training.published_rows import rows_per_split
+from rendezvous.training.relative_pose.poses import COLUMNS, PoseTable, read_poses
 
 from tests.synthetic_dataset import POSE_ROWS
 
@@ -31,7 +32,9 @@ def edited(poses: PoseTable, column: str, values: list) -> PoseTable:
 
 def test_rows_are_those_that_were_published(published: Path):
     tables = {split: read_poses(reader_of(published), split) for split in ("train", "validation", "test")}
-    assert {split: len(table) for split, table in tables.items()} == poses_per_split(reader_of(published))
+    assert {split: len(table) for split, table in tables.items()} == rows_per_split(
+        reader_of(published), "poses"
+    )
     found = [table[i] for table in tables.values() for i in range(len(table))]
     assert sorted(pose.pose_id for pose in found) == sorted(ROWS)
     for pose in found:

@@ -25,7 +25,7 @@ from rendezvous.training.checkpoint import read_checkpoint, restore_in_place
 from rendezvous.training.loop import Model, TrainingState, fit
 from rendezvous.training.parameters import Budget
 from rendezvous.training.processes import Processes
-from rendezvous.training.published_rows import PublishedRows
+from rendezvous.training.published_rows import PublishedRows, rows_per_split
 
 _DIGITS = 12
 """Length to which digests are cut in messages and records."""
@@ -152,7 +152,6 @@ def train_in_folder(
     validation: Validation[Model],
     *,
     rows: str,
-    counts: Mapping[str, int],
     resume: bool,
     processes: Processes,
 ) -> None:
@@ -167,7 +166,6 @@ def train_in_folder(
         batches: training samples.
         validation: measures the averaged weights.
         rows: the table's name, for messages.
-        counts: rows of each split, for messages.
         resume: continue from the folder's checkpoint, if there is one.
         processes: that share the work.
 
@@ -178,7 +176,7 @@ def train_in_folder(
     state = TrainingState.fresh(model.to(processes.device), section.optimisation)
     _begin_in_place(state, Disk(str(folder)), about, resume=resume)
     if processes.first:
-        _announce(run, about, section, state, processes, rows=rows, counts=counts)
+        _announce(run, about, section, state, processes, rows=rows)
     budget = Budget(
         samples=section.samples, duration_s=None if section.minutes is None else 60.0 * section.minutes
     )
@@ -219,7 +217,6 @@ def _announce(
     processes: Processes,
     *,
     rows: str,
-    counts: Mapping[str, int],
 ) -> None:
     """Say what is trained, on which data, where, and from which sample on."""
     data, name = about["data"], about["model"]
@@ -231,7 +228,7 @@ def _announce(
     )
     run.say(
         f"train {name}: {rows} of {data['folder']}: "
-        + ", ".join(f"{count} {split}" for split, count in counts.items())
+        + ", ".join(f"{count} {split}" for split, count in rows_per_split(run.read("pack"), rows).items())
         + f"; {data['plans']['train']} plans to train on, made with seed {seeds}, "
         f"digest {data['digest'][:_DIGITS]}"
     )

@@ -39,7 +39,7 @@ def load_relative_pose(data: bytes, *, where: str) -> RelativePoseEstimator:
         )
         x_m, y_m, z_m = (float(side) for side in robot["size_m"])
         T_r1_o = np.array(robot["T_r1_o"], np.float64).reshape(4, 4)
-    except (KeyError, TypeError, ValueError) as error:
+    except (ConfigError, KeyError, TypeError, ValueError) as error:
         raise ConfigError(
             f"{where}: its record of the training has a wrong or missing entry ({error}); train anew"
         ) from error

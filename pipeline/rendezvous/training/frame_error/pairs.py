@@ -11,7 +11,7 @@ from rendezvous.geometry.occupancy_grid import OccupancyGrid, grid_from_png
 from rendezvous.geometry.se2 import SE2, Array
 from rendezvous.store.read import StageReader
 from rendezvous.training.published_rows import SPLIT_NAMES as SPLIT_NAMES
-from rendezvous.training.published_rows import PublishedRows, number_rows, read_split, rows_per_split
+from rendezvous.training.published_rows import PublishedRows, number_rows, read_split
 
 COLUMNS = (
     "pair_id",
@@ -97,11 +97,6 @@ def read_pairs(dataset: StageReader | str | Path, split: str) -> PairTable:
     """
     reader = dataset if isinstance(dataset, StageReader) else StageReader(str(dataset), "pack")
     return PairTable(split, pa.concat_tables(read_split(reader, "pairs", split, columns=COLUMNS)))
-
-
-def pairs_per_split(reader: StageReader) -> dict[str, int]:
-    """Number of pairs in each split of the published dataset, according to its manifest."""
-    return rows_per_split(reader, "pairs")
 
 
 def _pngs(column: pa.ChunkedArray) -> pa.Array:

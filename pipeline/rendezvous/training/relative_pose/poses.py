@@ -16,7 +16,7 @@ from rendezvous.geometry.cuboid import Vec3
 from rendezvous.geometry.occupancy_grid import Mask
 from rendezvous.geometry.se2 import Array
 from rendezvous.store.read import StageReader
-from rendezvous.training.published_rows import PublishedRows, number_rows, read_split, rows_per_split
+from rendezvous.training.published_rows import PublishedRows, number_rows, read_split
 
 KIND = "poses"
 COLUMNS = (
@@ -144,11 +144,6 @@ def read_poses(reader: StageReader, split: str) -> PoseTable:
     """
     tables = read_split(reader, KIND, split, columns=COLUMNS)
     return PoseTable(split, pa.concat_tables([table for table in tables if table.num_rows]))
-
-
-def poses_per_split(reader: StageReader) -> dict[str, int]:
-    """Number of images in each split of the published dataset, according to its manifest."""
-    return rows_per_split(reader, KIND)
 
 
 def _points(column: pa.Array) -> Array:
