@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from rendezvous.exploration.records import Episode, Event, Snapshot
+from rendezvous.exploration.records import Episode, Rendezvous, Snapshot
 from rendezvous.exploration.rendezvous import Sighting
 from rendezvous.geometry.occupancy_grid import FREE, OCCUPIED, OccupancyGrid
 from rendezvous.geometry.se2 import SE2
@@ -50,7 +50,7 @@ def _snapshot(i: int, ghosts_w_m: list[tuple[float, float]]) -> Snapshot:
 def _rows(sightings: tuple[Sighting | None, Sighting | None]) -> list[dict[str, Any]]:
     """One ghost in robot 0's map, on robot 1's path; none in robot 1's, which has a cell on its own path."""
     snapshots = (_snapshot(0, [(3.1, 2.5)]), _snapshot(1, [(3.1, 2.5)]))
-    event = Event(t_s=7.0, sightings=sightings, snapshots=snapshots)
+    event = Rendezvous(t_s=7.0, sightings=sightings, snapshots=snapshots)
     scene = EpisodeScene(
         plan=plan_of(TWO_ROOMS),
         furniture=[],
