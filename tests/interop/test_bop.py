@@ -103,7 +103,7 @@ def test_the_meta_information_has_the_fields_of_the_format(images):
 
 def test_the_silhouettes_box_holds_the_pixels_that_the_robot_covers():
     rng = np.random.default_rng(1)
-    for _ in range(30):
+    for _ in range(8):
         T_c_o = random_pose(rng)
         info = scene_gt_info_document({0: _label(T_c_o)}, CORNERS_O_M)["0"][0]
         # The toolkit's rule: first and last pixel of a mask on a canvas large enough.
@@ -122,6 +122,15 @@ def test_the_silhouettes_box_holds_the_pixels_that_the_robot_covers():
         # A corner can lie between the centres of four pixels and then covers none of them.
         assert np.abs(mask.min(axis=0) - [x, y]).max() <= 1
         assert np.abs(mask.max(axis=0) - [x + width, y + height]).max() <= 1
+
+
+def test_the_silhouettes_box_begins_and_ends_at_the_centres_of_pixels():
+    near_px = np.array([[10.2, 20.7], [30.9, 20.7], [30.9, 40.1], [10.2, 40.1]])
+    K, far_px = CAMERA.K(), near_px.mean(axis=0) + 0.5 * (near_px - near_px.mean(axis=0))
+    rays = np.column_stack([(np.vstack([near_px, far_px]) - K[:2, 2]) / K[[0, 1], [0, 1]], np.ones(8)])
+    vertices = rays * np.repeat([1.0, 1.1], 4)[:, None]
+    (info,) = scene_gt_info_document({0: _label(np.eye(4))}, vertices)["0"]
+    assert info["bbox_obj"] == [11, 21, 19, 19]
 
 
 def test_a_robot_that_is_partly_behind_the_camera_has_no_box():

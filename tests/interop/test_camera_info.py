@@ -146,9 +146,13 @@ def _seen_through(lens: str, points_c: np.ndarray) -> np.ndarray:
 
 def _dots(uv_px: np.ndarray) -> np.ndarray:
     """(480, 640) uint8: a soft dot at every place."""
-    v, u = np.mgrid[0:480, 0:640]
-    squared_px = (u[..., None] - uv_px[:, 0]) ** 2 + (v[..., None] - uv_px[:, 1]) ** 2
-    return (255 * np.exp(-0.5 * squared_px / 2.0**2).max(axis=-1)).astype(np.uint8)
+    image = np.zeros((480, 640), np.uint8)
+    dv, du = np.mgrid[-10:11, -10:11]
+    for u, v in uv_px:
+        cols, rows = du + round(u), dv + round(v)
+        dot = 255 * np.exp(-0.5 * ((cols - u) ** 2 + (rows - v) ** 2) / 2.0**2)
+        image[rows, cols] = np.maximum(image[rows, cols], dot.astype(np.uint8))
+    return image
 
 
 def _found_near(image: np.ndarray, uv_px: np.ndarray) -> np.ndarray:

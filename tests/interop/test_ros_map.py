@@ -255,7 +255,7 @@ def test_a_faulty_map_is_named_with_its_fault(tmp_path, old, new, message):
         (b"", "holds no keys"),
         (b"- 1\n- 2\n", "holds no keys"),
         (b"image: \xff\xfe\n", "cannot be read as YAML .*utf-8"),
-        (b"[" * 5000, "cannot be read as YAML"),
+        (b"[" * 600, "cannot be read as YAML"),
         (b"image: a\n" * 2 + b"\t- b", "cannot be read as YAML"),
     ],
 )

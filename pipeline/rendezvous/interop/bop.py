@@ -9,10 +9,10 @@
     train/000000/scene_gt_info.json      scene_gt_info_document
     train/000000/rgb/000000.png
 
-Millimetres. The model's frame is o: its origin is the centre of the model's box and z points up, as BOP
-wants it; the camera is OpenCV's, pixel (0, 0) the centre of the first pixel, as with us. No depth images are
-written: `depth_scale` is there because the format has it, and `px_count_valid`, which counts pixels of a
-depth image, is 0.
+Lengths are in millimetres. The model's frame is o, with its origin at the centre of the model's box and z up,
+as BOP wants it; the camera frame is OpenCV's, with pixel (0, 0) at the centre of the first pixel. There are
+no depth images: `depth_scale` is there because the format requires it, and `px_count_valid`, a count of depth
+pixels, is 0.
 """
 
 from __future__ import annotations
@@ -35,17 +35,17 @@ from rendezvous.rendering.robot_model import part_material
 MM_PER_M = 1000.0
 
 NO_BOX = [-1, -1, -1, -1]
-"""What the toolkit writes where nothing is visible."""
+"""The toolkit's box of an object that is not visible."""
 
 TARGET_VISIBILITY = 0.1
-"""The benchmark asks for objects of which at least this share is visible."""
+"""The benchmark's targets are objects with at least this visible share."""
 
 Images = Mapping[int, PoseLabel]
-"""Labels by the number of the image."""
+"""Labels by image number."""
 
 
 def camera_document(camera: PinholeCamera) -> dict[str, Any]:
-    """`camera.json`: the camera that the whole dataset was taken with."""
+    """`camera.json`: the camera of the whole dataset."""
     return {
         "fx": camera.fx_px,
         "fy": camera.fy_px,
@@ -66,7 +66,7 @@ def scene_camera_document(images: Images) -> dict[str, Any]:
 
 
 def scene_gt_document(images: Images, *, obj_id: int) -> dict[str, Any]:
-    """`scene_gt.json`: the pose of the robot in each image; an empty list where there is none."""
+    """`scene_gt.json`: the pose of the robot in each image; an empty list without one."""
     return {
         str(i): [_gt(label.T_c_o, obj_id)] if label.T_c_o is not None else [] for i, label in images.items()
     }
@@ -85,7 +85,7 @@ def scene_gt_info_document(images: Images, vertices_o_m: Array) -> dict[str, Any
 
     Args:
         images: their labels.
-        vertices_o_m: (N, 3) of the robot's mesh in o; its image is the silhouette's box.
+        vertices_o_m: (N, 3) vertices of the robot's mesh in o, whose projection gives the silhouette's box.
     """
     hull_o_m = vertices_o_m[ConvexHull(vertices_o_m).vertices]
     return {
@@ -107,13 +107,13 @@ def _gt_info(label: PoseLabel, T_c_o: Array, hull_o_m: Array) -> dict[str, Any]:
 
 
 def _bop_box(box_px: Box) -> list[int]:
-    """x, y, width, height from the first to the last pixel's index: a box around one pixel is 0 wide."""
+    """x, y, width, height between the first and last pixel's indices: a box of one pixel has width 0."""
     x0, y0, x1, y1 = box_px
     return [round(v) for v in (x0 + 0.5, y0 + 0.5, x1 - x0 - 1.0, y1 - y0 - 1.0)]
 
 
 def _silhouette_box(camera: PinholeCamera, T_c_o: Array, hull_o_m: Array) -> list[int]:
-    """The box around the pixels whose centres the robot covers, also outside of the picture."""
+    """Box of the pixels whose centres the robot covers, including those outside the image."""
     uv_px = camera.project(hull_o_m @ T_c_o[:3, :3].T + T_c_o[:3, 3])
     if np.isnan(uv_px).any():
         raise PipelineError("label: a part of the robot is behind the camera, so its silhouette has no box")
@@ -122,7 +122,7 @@ def _silhouette_box(camera: PinholeCamera, T_c_o: Array, hull_o_m: Array) -> lis
 
 
 def targets_document(images: Images, *, obj_id: int, scene_id: int) -> list[dict[str, int]]:
-    """`test_targets_bop19.json`: in which images of the test split the robot is to be found."""
+    """`test_targets_bop19.json`: images of the test split in which the robot must be found."""
     return [
         {"im_id": i, "inst_count": 1, "obj_id": obj_id, "scene_id": scene_id}
         for i, label in images.items()
@@ -131,7 +131,7 @@ def targets_document(images: Images, *, obj_id: int, scene_id: int) -> list[dict
 
 
 def models_info_document(models_o_m: Mapping[int, Array]) -> dict[str, Any]:
-    """`models_info.json`: box and diameter [mm] of each model's vertices (N, 3) [m] in o, by its number."""
+    """`models_info.json`: box and diameter [mm] of each model, from its vertices (N, 3) [m] in o."""
     return {str(obj_id): _model_info(MM_PER_M * vertices) for obj_id, vertices in models_o_m.items()}
 
 
@@ -145,7 +145,7 @@ def _model_info(vertices_mm: Array) -> dict[str, float]:
 
 
 def model_vertices(parts: Mapping[str, trimesh.Trimesh], T_r_o: Array) -> Array:
-    """(N, 3) [m] in o: the vertices of a robot's parts, which are in r."""
+    """(N, 3) [m] vertices in o of a robot's parts given in r."""
     p_r = np.concatenate([np.asarray(part.vertices) for part in parts.values()])
     return (p_r - T_r_o[:3, 3]) @ T_r_o[:3, :3]
 
@@ -194,7 +194,7 @@ def _srgb(linear_rgb: Sequence[float]) -> Array:
 
 
 def bop_json(document: Mapping[str, Any] | Sequence[Any]) -> bytes:
-    """A document as the toolkit writes it: one entry a line."""
+    """A document in the toolkit's layout: one entry per line."""
     if isinstance(document, Mapping):
         lines = [f"  {json.dumps(key)}: {json.dumps(value)}" for key, value in document.items()]
         return ("{\n" + ",\n".join(lines) + "\n}\n").encode()

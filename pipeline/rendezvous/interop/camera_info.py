@@ -1,10 +1,10 @@
-"""Calibrations of cameras as ROS has them: the pinhole camera, and how its lens bends the image.
+"""ROS camera calibrations: a pinhole camera and the distortion of its lens.
 
 Two forms are read: the YAML of `camera_calibration` and `camera_info_manager` (`camera_matrix: {data: ...}`),
 and a `sensor_msgs/CameraInfo` message as `ros2 topic echo` prints it (`k`, `d`; `K`, `D` in ROS 1).
 
-The undistorted image is that of the same `K`, so a calibration of distortion 0 changes nothing. An image of
-the topic `image_rect` is undistorted already: it belongs to a calibration without distortion.
+Undistorted images keep the same `K`, so zero distortion changes nothing. Images of the topic `image_rect` are
+already undistorted and need a calibration without distortion.
 """
 
 from __future__ import annotations
@@ -30,22 +30,22 @@ COEFFICIENT_COUNTS = {
     "rational_polynomial": (4, 5, 8, 12, 14),
     **dict.fromkeys(FISHEYE_MODELS, (4,)),
 }
-"""How many coefficients a model may have; none at all is a lens without distortion."""
+"""Allowed numbers of coefficients per model; an empty list means no distortion."""
 
 _PADDED_COUNTS = (5, 8, 12, 14)
-"""Drivers write as many coefficients as OpenCV's models have; those beyond their own model's are 0."""
+"""Lengths to which drivers pad the coefficients with zeros: those of OpenCV's models."""
 
 RIGHT = "a camera calibration of ROS (image_width, image_height, camera_matrix, distortion_coefficients)"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CameraInfo:
-    """A camera with its lens.
+    """A camera and its lens.
 
     Attributes:
-        camera: the pinhole camera; pixel (0, 0) is the centre of the first pixel, as OpenCV has it.
-        distortion_model: `plumb_bob`, `rational_polynomial` or `equidistant` (`fisheye` is the same).
-        distortion: the model's coefficients in OpenCV's order; empty for none.
+        camera: the pinhole camera; pixel (0, 0) is the centre of the first pixel, as in OpenCV.
+        distortion_model: `plumb_bob`, `rational_polynomial` or `equidistant` (also called `fisheye`).
+        distortion: the model's coefficients in OpenCV's order; empty for no distortion.
     """
 
     camera: PinholeCamera
@@ -53,10 +53,10 @@ class CameraInfo:
     distortion: tuple[float, ...]
 
     def undistorted(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """The image (H, W) or (H, W, 3) as the pinhole camera sees it; black where the lens saw nothing.
+        """Undistort an image (H, W) or (H, W, 3); black where the lens saw nothing.
 
         Raises:
-            CameraError: the image has another size than the calibration.
+            CameraError: the image's size differs from the calibration's.
         """
         camera = self.camera
         if image.shape[1::-1] != (camera.width_px, camera.height_px):
@@ -65,7 +65,7 @@ class CameraInfo:
                 f"{camera.width_px} x {camera.height_px} px"
             )
         fisheye = self.distortion_model in FISHEYE_MODELS
-        # A fisheye lens bends the image also where its coefficients are 0.
+        # A fisheye lens distorts even if all its coefficients are 0.
         if not self.distortion or not (fisheye or any(self.distortion)):
             return image.copy()
         K, distortion = camera.K(), np.array(self.distortion)
@@ -75,10 +75,10 @@ class CameraInfo:
 
 
 def read_camera_info(path: Path) -> CameraInfo:
-    """Reads a calibration in either form.
+    """Read a calibration in either form.
 
     Raises:
-        CameraError: the file is missing or no calibration, or a value is wrong; says which.
+        CameraError: the file is missing or is not a calibration, or a value is wrong; says which.
     """
     fields = read_yaml_fields(path, CameraError, right=RIGHT)
     camera = _camera(fields, path)
@@ -101,7 +101,7 @@ def read_camera_info(path: Path) -> CameraInfo:
 
 
 def write_camera_info(camera: PinholeCamera, path: Path) -> None:
-    """Writes a camera without distortion as `camera_calibration` does, for ROS and `read_camera_info`."""
+    """Write a camera without distortion in the form of `camera_calibration`."""
     K = camera.K()
     fields = {
         "image_width": int(camera.width_px),
@@ -147,7 +147,7 @@ def _camera(fields: Mapping[str, Any], path: Path) -> PinholeCamera:
 
 
 def _list(fields: Mapping[str, Any], keys: tuple[str, ...], path: Path) -> list[float]:
-    """The numbers under the first of the keys that is there, plain or as a matrix's `data`."""
+    """Numbers under the first key present, either a plain list or a matrix's `data`."""
     key = _present(fields, keys, path)
     value = fields[key]
     values = numbers(value.get("data") if isinstance(value, dict) else value)
@@ -173,7 +173,7 @@ def _present(fields: Mapping[str, Any], keys: tuple[str, ...], path: Path) -> st
 
 
 def _require_whole_image(fields: Mapping[str, Any], camera: PinholeCamera, path: Path) -> None:
-    """A message may describe a binned image or a part of one, to which `K` does not apply as it is."""
+    """Refuse binned images and regions of interest: `K` does not apply to them unchanged."""
     for key in ("binning_x", "binning_y"):
         if fields.get(key) is not None and number(fields[key]) not in (0, 1):
             raise CameraError(f"{path}: {key} is {short(fields[key])}; must be 0 or 1, an image not binned")

@@ -1,8 +1,8 @@
-"""Bytes of images as arrays, without what decoders print of their own.
+"""Images decoded from memory, silently.
 
-libpng prints what it finds wrong with a PNG on the standard error, so its checksums are looked at first; so
-does OpenCV for other formats, unless it is told not to. Of a JPEG that is cut short the decoder makes up the
-rest, so that is looked at as well.
+libpng prints its complaints on the standard error, so a PNG's checksums are checked first; OpenCV's log is
+switched off for other formats. Decoders fill in the missing part of a truncated JPEG, so `is_whole` looks for
+its end.
 """
 
 from __future__ import annotations
@@ -18,24 +18,24 @@ from numpy.typing import NDArray
 
 PNG_START, JPEG_START = b"\x89PNG\r\n\x1a\n", b"\xff\xd8"
 
-# A marker other than those inside of the coded data: a stuffed zero, restarts, fill bytes.
+# Any marker except those within coded data: stuffed zeros, restarts, fill bytes.
 _JPEG_MARKER = re.compile(rb"\xff+([^\x00\xd0-\xd7\xff])")
 _JPEG_END, _JPEG_BARE = 0xD9, 0x01
 
 
 def decoded(data: bytes, flags: int) -> NDArray[np.uint8 | np.uint16] | None:
-    """(H, W) or (H, W, C) as `cv2.imdecode` gives it; None for what it cannot read.
+    """Decode an image with `cv2.imdecode`: (H, W) or (H, W, C), or None if it cannot be decoded.
 
     Args:
-        data: a file's bytes.
-        flags: of OpenCV, as `cv2.IMREAD_COLOR_RGB`.
+        data: content of the file.
+        flags: OpenCV's, such as `cv2.IMREAD_COLOR_RGB`.
     """
     if data.startswith(PNG_START) and not is_whole(data):
         return None
     level = logging.setLogLevel(logging.LOG_LEVEL_SILENT)
     try:
         pixels = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
-    except cv2.error:  # for no bytes at all, and for more pixels than OpenCV allows
+    except cv2.error:  # no bytes, or more pixels than OpenCV allows
         return None
     finally:
         logging.setLogLevel(level)
@@ -43,14 +43,14 @@ def decoded(data: bytes, flags: int) -> NDArray[np.uint8 | np.uint16] | None:
 
 
 def is_whole(data: bytes) -> bool:
-    """Whether a PNG or JPEG reaches its end, whatever follows it; True for other formats."""
+    """Whether a PNG or JPEG is complete; more bytes may follow. True for other formats."""
     if data.startswith(JPEG_START):
         return _is_whole_jpeg(data)
     return is_whole_png(data) if data.startswith(PNG_START) else True
 
 
 def is_whole_png(data: bytes) -> bool:
-    """Whether a PNG reaches its end, every chunk as it was written by its checksum; False for other files."""
+    """Whether these bytes are a PNG, complete and with correct checksums; more bytes may follow."""
     if not data.startswith(PNG_START):
         return False
     at, view = len(PNG_START), memoryview(data)
@@ -66,7 +66,7 @@ def is_whole_png(data: bytes) -> bool:
 
 
 def _is_whole_jpeg(data: bytes) -> bool:
-    """Goes from segment to segment, as a thumbnail within one has an end of its own (ITU T.81, B.1)."""
+    """Walks the segments: a thumbnail inside one has its own end marker (ITU T.81, B.1)."""
     at = len(JPEG_START)
     while marker := _JPEG_MARKER.search(data, at):
         at, kind = marker.end(), marker[1][0]

@@ -1,14 +1,13 @@
-"""DOPE's training labels: `X.json` beside `X.png`, as the NViSII scripts of Deep_Object_Pose write them.
+"""DOPE's training labels: `X.json` beside `X.png`, in the format of Deep_Object_Pose's NViSII scripts.
 
-The official loader reads `objects[]` with `class`, `visibility` (what is above 0 counts) and
-`projected_cuboid`; its evaluation reads `location` and `quaternion_xyzw` too. Poses are in the camera (x
-right, y down, z forward). As our labels keep no world, the file's world is the camera.
+The official loader reads `objects[]` with `class`, `visibility` (objects above 0 count) and
+`projected_cuboid`; its evaluation also reads `location` and `quaternion_xyzw`. Poses are in the camera frame
+(x right, y down, z forward), which is also the file's world: our labels have no other.
 
-- `location` is in centimetres, as are the cuboid's dimensions in DOPE's configuration; everything else that
-  DOPE reads is in pixels.
-- Pixel (0, 0) is the centre of the first pixel, and `intrinsics` are for that: PnP with them gives the pose
-  exactly. NViSII's own files count from the corner of that pixel, half a pixel more.
-- The object frame is o: for DOPE's `Cuboid3d` the dimensions are those along x, y and z of o, in this order.
+- `location` is in centimetres, as are the cuboid's dimensions in DOPE's configuration; all else is in pixels.
+- Pixel (0, 0) is the centre of the first pixel, for `intrinsics` too: PnP gives the exact pose. NViSII's own
+  files count from the corner of that pixel, half a pixel more.
+- The object frame is o; DOPE's `Cuboid3d` takes the dimensions along x, y and z of o, in this order.
 """
 
 from __future__ import annotations
@@ -29,7 +28,7 @@ from rendezvous.interop.pose_label import PoseLabel
 CM_PER_M = 100.0
 
 ABSENT_PX = -100.0
-"""Both coordinates of a point that is not to be learnt; DOPE's loader takes the same for hidden objects."""
+"""Both coordinates of a point to be ignored; DOPE's loader uses the same value for hidden objects."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -37,10 +36,10 @@ class DopeObject:
     """One object of a file.
 
     Attributes:
-        class_name: what it is.
-        visibility: above 0 where it is seen.
-        projected_cuboid_px: (9, 2), centroid last; NaN for a point that is not to be learnt.
-        T_c_o: (4, 4) [m]; None where the file has no pose.
+        class_name: DOPE's class.
+        visibility: above 0 if it is visible.
+        projected_cuboid_px: (9, 2), centroid last; NaN for points to be ignored.
+        T_c_o: (4, 4) [m]; None if the file has no pose.
     """
 
     class_name: str
@@ -50,7 +49,7 @@ class DopeObject:
 
 
 def dope_document(label: PoseLabel, *, class_name: str) -> dict[str, Any]:
-    """What `X.json` holds for a picture; `objects` is empty where the robot is absent or wholly hidden."""
+    """Content of `X.json`; `objects` is empty if the robot is absent or completely hidden."""
     camera = label.camera
     return {
         "camera_data": {
@@ -67,7 +66,7 @@ def dope_document(label: PoseLabel, *, class_name: str) -> dict[str, Any]:
 
 
 def dope_json(label: PoseLabel, *, class_name: str) -> bytes:
-    """The file `X.json` of a picture."""
+    """`X.json` as bytes."""
     return json.dumps(dope_document(label, class_name=class_name), indent=2).encode() + b"\n"
 
 
@@ -91,14 +90,14 @@ def _object(label: PoseLabel, class_name: str) -> dict[str, Any]:
 
 
 def read_dope_document(document: Mapping[str, Any], *, source: str) -> tuple[PinholeCamera, list[DopeObject]]:
-    """The camera and the objects of a file of DOPE's kind.
+    """Camera and objects of a DOPE label.
 
     Args:
-        document: the parsed `X.json`; points may be nine, or eight and `projected_cuboid_centroid`.
-        source: what to call it in an error.
+        document: the parsed `X.json`, with nine points, or eight and `projected_cuboid_centroid`.
+        source: its name, for errors.
 
     Raises:
-        PipelineError: a field is missing or has a wrong shape; says which.
+        PipelineError: a field is missing or has the wrong shape; says which.
     """
     try:
         data = document["camera_data"]

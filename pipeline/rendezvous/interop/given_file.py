@@ -1,4 +1,4 @@
-"""Files that a user names, read without trusting the name."""
+"""Files that a user names, which may be anything: a folder, a device, a pipe."""
 
 from __future__ import annotations
 
@@ -8,16 +8,14 @@ import stat
 from pathlib import Path
 
 MOST_BYTES = 1 << 30
-"""More than any map or image that is read: 10,000 x 10,000 numbers of plain text take less."""
+"""Larger than any map or image: 10,000 x 10,000 numbers in plain text take less."""
 
 
 def given_bytes(path: Path, *, most_bytes: int = MOST_BYTES) -> bytes:
-    """The bytes of a regular file.
-
-    A device or a pipe may never end, or never begin; neither is opened.
+    """Read a regular file; devices and pipes, which may block or never end, are not opened.
 
     Raises:
-        OSError: it is missing, cannot be read, is no regular file or is too large; `strerror` says which.
+        OSError: it is missing, unreadable, not a regular file or too large; `strerror` says which.
     """
     if "\0" in str(path):
         raise OSError(errno.EINVAL, "no file's name holds a zero byte")

@@ -1,8 +1,8 @@
-"""Maps whose greys mean something else than map_server's thresholds make of them.
+"""Maps whose greys and thresholds do not belong together.
 
-map_saver draws unknown cells in grey 205, `p = 0.196`. A `free_thresh` of 0.25 or a stretched contrast makes
-all of them free. RTAB-Map draws occupied, unknown and free cells in 0, 89 and 178, of which the usual
-thresholds make two kinds of walls and nothing free.
+map_saver draws unknown cells in grey 205, `p = 0.196`. A `free_thresh` of 0.25 or a stretched contrast frees
+them all. RTAB-Map draws occupied, unknown and free cells in 0, 89 and 178, which the usual thresholds read as
+occupied, occupied and unknown.
 """
 
 from __future__ import annotations
@@ -21,16 +21,16 @@ from rendezvous.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN, Cells, M
 Counts = NDArray[np.int64]
 
 NEAR, AROUND, SHARE, FEWEST = 5, 12, 0.7, 16
-"""A grey stands out if this share of all cells within `AROUND` greys is within `NEAR`, and is not too few."""
+"""A grey stands out if of the cells within `AROUND` greys of it at least `SHARE` are within `NEAR`."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Thresholds:
-    """What a map's YAML says of its greys.
+    """How a map's YAML file has its greys read.
 
     Attributes:
-        occupied, free: a cell is occupied above, free below such a probability.
-        negate: white is occupied.
+        occupied, free: probabilities above which a cell is occupied, below which it is free.
+        negate: whether white is occupied.
     """
 
     occupied: float
@@ -40,11 +40,11 @@ class Thresholds:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Greys:
-    """How many cells have each brightness, and what they are read as.
+    """A histogram of brightness.
 
     Attributes:
-        counts: (256,) of all cells; `free`, `occupied`: of those read as that.
-        standing_out: brightnesses that many cells have and few of those nearby, darkest first.
+        counts: (256,) number of visible cells; `free`, `occupied`: of those read as free, as occupied.
+        standing_out: brightnesses that stand out, darkest first.
     """
 
     counts: Counts
@@ -62,17 +62,17 @@ class _Greys:
 def keep_meaning(
     cells_in_place: Cells, brightness: NDArray[np.uint8], visible: Mask, thresholds: Thresholds, source: Path
 ) -> None:
-    """Make unknown again what the thresholds free without its being meant, with a warning.
+    """Reset to unknown, with a warning, the unknown cells that the thresholds free.
 
     Args:
-        cells_in_place: (H, W) as map_server reads them.
-        brightness: (H, W) 0 to 255, the brightest being free also where the map is negated.
-        visible: (H, W) which pixels are not fully transparent.
-        thresholds: that the cells were read by.
+        cells_in_place: (H, W) as read by the thresholds.
+        brightness: (H, W) from 0 to 255; already inverted for a negated map, so that free cells are bright.
+        visible: (H, W) False for transparent pixels.
+        thresholds: of the map.
         source: the map's YAML file.
 
     Raises:
-        MapError: the greys are those of another scale, so that nothing of the map would be free.
+        MapError: the brightest of its greys is not free.
     """
     greys = _greys_of(cells_in_place, brightness, visible)
     _require_free(greys, thresholds, source)
@@ -103,11 +103,11 @@ def _greys_of(cells: Cells, brightness: NDArray[np.uint8], visible: Mask) -> _Gr
 
 
 def _freed_unknown(greys: _Greys) -> int | None:
-    """The brightness of unknown cells that are read as free; None if there is none.
+    """Brightness of unknown cells that are read as free; None if there are none.
 
-    It is map_saver's 205, which may be off by one where an image was rescaled, if that stands out or is the
-    most common grey but black and white; or another grey that stands out below the brightest and outnumbers
-    those that are read as unknown.
+    This is map_saver's 205, which rescaling may move by one, if it stands out below the brightest grey or has
+    most of the cells that are neither black nor white. Otherwise it is the most common grey that stands out
+    below the brightest and is read as free, unless one that is read as unknown is more common.
     """
     counts, own = greys.counts, slice(UNKNOWN - 1, UNKNOWN + 2)
     brightest = max(greys.standing_out, default=0)
@@ -127,7 +127,7 @@ def _freed_unknown(greys: _Greys) -> int | None:
 
 
 def _require_free(greys: _Greys, thresholds: Thresholds, source: Path) -> None:
-    """The brightest of several greys must be free, unless it is the grey that is always unknown."""
+    """Refuse a map whose brightest grey is not free, unless it has only walls and a usual unknown grey."""
     if len(greys.standing_out) < 2:
         return
     *_, brightest = greys.standing_out
@@ -143,7 +143,7 @@ def _require_free(greys: _Greys, thresholds: Thresholds, source: Path) -> None:
 
 
 def _warn_of_walls(greys: _Greys, thresholds: Thresholds, source: Path) -> None:
-    """Walls are the darkest cells; of a brighter grey with more cells it is told that they are walls too."""
+    """Warn of a grey that is read as occupied beside a darker one with fewer cells: it may be unknown."""
     darkest, *others = greys.standing_out or (0,)
     more = [g for g in others if greys.mostly(g, greys.occupied) and greys.share(g) > greys.share(darkest)]
     if more and greys.mostly(darkest, greys.occupied):
@@ -169,7 +169,7 @@ def _right(greys: _Greys, thresholds: Thresholds) -> str:
 
 
 def _stored(brightness: int, thresholds: Thresholds) -> int:
-    """The grey as the image has it, of 8 bits."""
+    """The grey in the image, scaled to 8 bits."""
     return 255 - brightness if thresholds.negate else brightness
 
 
@@ -178,13 +178,13 @@ def _within(counts: Counts, brightness: int) -> int:
 
 
 def _highest(counts: Counts, low: int, high: int) -> int:
-    """The first brightness from low to high that most cells have."""
+    """The most common brightness from low to high; the first of several."""
     low = max(low, 0)
     return low + int(np.argmax(counts[low : high + 1]))
 
 
 def _upper_end(counts: Counts, brightness: int) -> int:
-    """The end of a grey that is spread by noise: up to where it has less than a twentieth of its cells."""
+    """The brightest that noise makes of a grey: it still has a twentieth of the grey's cells."""
     end = brightness
     while end < brightness + NEAR and 20 * counts[end + 1] >= counts[brightness] > 0:
         end += 1

@@ -3,8 +3,8 @@
 map_server averages the channels of a coloured image. A coloured image is far more likely to be the wrong file
 than a map, so here it is an error; one that is grey in all three channels is read.
 
-PGM, plain (P2) and binary (P5), is read here and not by OpenCV, which scales maxima other than 255 its own
-way and prints what it finds wrong.
+PGM files, plain (P2) and binary (P5), are read here and not by OpenCV, which scales maxima other than 255 in
+its own way and prints its complaints.
 """
 
 from __future__ import annotations
@@ -35,12 +35,12 @@ _HEADER = re.compile(rb"(P[25])" + 3 * (_GAP + rb"(\d{1,9})") + rb"(?=[\s#])")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MapImage:
-    """An image as it is stored, top row first.
+    """The stored values of an image, top row first.
 
     Attributes:
         grey: (H, W) uint8 or uint16.
-        alpha: (H, W), `white` where opaque; None for an image without transparency.
-        white: the value of white, and of opaque.
+        alpha: (H, W), `white` where opaque; None without an alpha channel.
+        white: the value of white and of opaque.
     """
 
     grey: Grey
@@ -49,7 +49,7 @@ class MapImage:
 
 
 def read_map_image(path: Path) -> MapImage:
-    """Read an image; nothing is allocated for one that is larger than `MAX_PIXELS`.
+    """Read an image; no memory is allocated for one larger than `MAX_PIXELS`.
 
     Raises:
         MapError: names the file and what is wrong with it.
@@ -78,7 +78,7 @@ def read_map_image(path: Path) -> MapImage:
 
 
 def _announced(data: bytes, path: Path) -> tuple[int, int, bool]:
-    """Width and height by the header of a PNG or BMP, and whether the file reaches its end."""
+    """Width and height from the header of a PNG or BMP, and whether the file is complete."""
     if data.startswith(PNG_START) and len(data) > 32:
         return *struct.unpack(">II", data[16:24]), is_whole(data)
     if data.startswith(b"BM") and len(data) > 32:
@@ -131,11 +131,10 @@ def _pgm(data: bytes, source: Path) -> MapImage:
 
 
 def _raster(rest: bytes, size_bytes: int, *, crlf: bool) -> bytes:
-    """The pixels of a binary PGM: a single white space ends its header, or a comment right after the maximum.
+    """The pixels of a binary PGM, after the single white space that ends its header.
 
-    Some programs end that line with more, or write a line's end after the pixels: the size gives it away. A
-    line that ends in CRLF is one of them, or the work of a text conversion, as git's, which may have changed
-    the pixels too.
+    Some programs write more white space or a comment there, or a line end after the pixels; the size gives
+    this away. CRLF may come from a text conversion such as git's, which may have changed the pixels too.
     """
     extra = len(rest) - size_bytes
     starts: tuple[int, ...]

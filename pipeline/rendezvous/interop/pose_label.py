@@ -1,4 +1,4 @@
-"""The label of one picture, as exports to other people's formats take it."""
+"""The label of one image, from which exports in other formats are made."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ Box = tuple[float, float, float, float]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PoseLabel:
-    """Where the robot is in a picture and how much of it shows.
+    """Where the robot is in an image and how much of it is visible.
 
     Attributes:
-        camera: the picture's intrinsics and size.
+        camera: the image's intrinsics and size.
         cuboid_size_m: sides of the robot's cuboid along the axes of o.
-        T_c_o: (4, 4) pose of the cuboid in the camera; None where there is no robot.
-        visible_px: number of the robot's visible pixels.
-        silhouette_px: number of pixels it would cover with nothing in front, also outside of the picture.
-        box_px: x0, y0, x1, y1 of the outer edges of its visible pixels; None where none is visible.
+        T_c_o: (4, 4) pose of the cuboid in the camera; None without a robot.
+        visible_px: number of visible pixels of the robot.
+        silhouette_px: number of pixels it would cover unoccluded, including those outside the image.
+        box_px: x0, y0, x1, y1 of the outer edges of the visible pixels; None if there are none.
     """
 
     camera: PinholeCamera
@@ -50,16 +50,16 @@ class PoseLabel:
 
     @property
     def visibility(self) -> float:
-        """Visible pixels / pixels of the whole silhouette; 0 where nothing is seen."""
+        """Visible pixels / pixels of the silhouette; 0 if none is visible."""
         return self.visible_px / self.silhouette_px if self.visible_px else 0.0
 
     def projected_cuboid_px(self) -> Array | None:
-        """(9, 2) the cuboid's points in DOPE's order; NaN behind the camera; None where there is no robot."""
+        """(9, 2) the cuboid's points in DOPE's order, NaN behind the camera; None without a robot."""
         return None if self.T_c_o is None else project_cuboid(self.T_c_o, self.cuboid_size_m, self.camera)
 
 
 def label_of(row: Mapping[str, Any]) -> PoseLabel:
-    """The label in a row of `poses` or `pairs`, as the schema's `rows` gives it; the picture is there.
+    """The label in a row of `poses` or `pairs` (from the schema's `rows`) that has an image.
 
     Raises:
         PipelineError: the row contradicts itself.

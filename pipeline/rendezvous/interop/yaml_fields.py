@@ -1,4 +1,4 @@
-"""Files of others in YAML, read with errors of one line."""
+"""YAML files of other programs, read with one-line errors."""
 
 from __future__ import annotations
 
@@ -13,24 +13,24 @@ from rendezvous.errors import PipelineError
 from rendezvous.interop.given_file import given_bytes
 
 MOST_BYTES = 10_000_000
-"""PyYAML takes a minute for so much, and a whole bag of messages is none of these files."""
+"""PyYAML takes a minute for this much; a larger file is something else, such as a bag of messages."""
 
 _SHOWN_LETTERS = 100
 
 
 def read_yaml_fields(path: Path, error: type[PipelineError], *, right: str) -> dict[str, Any]:
-    """The keys and values of a YAML file's first document.
+    """Keys and values of the first document in a YAML file.
 
     Args:
         path: the file, in UTF-8.
-        error: what to raise.
+        error: type of the error to raise.
         right: what the file should hold, for the error's text.
 
     Raises:
-        PipelineError: of the given type; the file cannot be read, is no YAML, or holds no keys.
+        PipelineError: of that type; the file cannot be read, is not YAML, or holds no keys.
     """
     try:
-        # `ros2 topic echo` ends every message with `---`: what follows is another document, or none.
+        # `ros2 topic echo` ends every message with `---`, so more documents may follow.
         text = given_bytes(path, most_bytes=MOST_BYTES).decode("utf-8")
         fields = next(iter(yaml.safe_load_all(text)), None)
     except (OSError, ValueError, RecursionError, yaml.YAMLError) as cause:
@@ -42,7 +42,7 @@ def read_yaml_fields(path: Path, error: type[PipelineError], *, right: str) -> d
 
 
 def number(value: Any) -> float | None:
-    """A finite number, also as text: PyYAML takes `1e-05` for one. None for anything else."""
+    """The value as a finite number, also if it is text (PyYAML reads `1e-05` as text); otherwise None."""
     if isinstance(value, str):
         try:
             value = float(value)
@@ -57,7 +57,7 @@ def number(value: Any) -> float | None:
 
 
 def numbers(value: Any) -> list[float] | None:
-    """A list of finite numbers; None if it is none."""
+    """The value as a list of finite numbers; None if it is not one."""
     if not isinstance(value, list):
         return None
     read = [number(item) for item in value]
@@ -65,6 +65,6 @@ def numbers(value: Any) -> list[float] | None:
 
 
 def short(value: Any) -> str:
-    """A value as an error shows it: one line, cut where it is long."""
+    """The value on one line for an error message, shortened if it is long."""
     text = reprlib.repr(value)
     return text if len(text) <= _SHOWN_LETTERS else f"{text[:_SHOWN_LETTERS]} ..."

@@ -53,12 +53,12 @@ class BopExport:
     """What was written.
 
     Attributes:
-        folder: where.
-        robot: the robot that is object 1.
-        images: by BOP's name of the split, how many there are.
-        seen: how many of them show the robot.
-        left_out: how many images there are no boxes for, as a part of the robot is behind the camera.
-        targets: how many are to be solved in the test split.
+        folder: the folder.
+        robot: name of object 1.
+        images: number of images by BOP's name of the split.
+        seen: number of images that show the robot.
+        left_out: number of images without a box because part of the robot is behind the camera.
+        targets: number of targets in the test split.
     """
 
     folder: Path
@@ -80,7 +80,7 @@ class BopExport:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Model:
-    """The robot as the dataset shows it."""
+    """The robot in the dataset."""
 
     robot: str
     T_r1_o: Array
@@ -98,18 +98,18 @@ def export_bop(
     count: int,
     console: Console,
 ) -> BopExport:
-    """Write a table's images and labels, and the robot's model, as BOP wants them.
+    """Write a table's images and labels, and the robot's model, in the BOP format.
 
-    BOP calls the validation split `val`. No depth images and no masks are written: the dataset has none.
+    BOP calls the validation split `val`. There are no depth images or masks: the dataset has none.
 
     Args:
         dataset: folder of the published dataset, a local path or a URI.
         out: folder to write to.
-        table: whose images.
-        split: of which floor plans.
-        robot: a name in `assets/robots` or a robot file; by default the name in the dataset.
-        count: at most so many images of each split, the first ones.
-        console: where progress is shown.
+        table: the table with the images.
+        split: the split, or all.
+        robot: a shipped robot or a robot file; the dataset's robot by default.
+        count: maximum number of images of each split; the first ones are written.
+        console: shows progress.
 
     Raises:
         StoreError: the dataset or its images are not there, or a file cannot be written.
@@ -144,7 +144,7 @@ def _scene(out: Path, part: PublishedSplit) -> Path:
 
 
 def _model(image: LabelledImage, robot: str | None) -> _Model:
-    """The model of the robot in an image, from its robot's files."""
+    """Model of the robot in an image, from the robot's files."""
     try:
         spec = load_robot(robot or image.robot)
     except ConfigError as error:
@@ -173,7 +173,7 @@ def _write_model(out: Path, model: _Model) -> None:
 def _write_scene(
     scene: Path, part: PublishedSplit, count: int, model: _Model, console: Console
 ) -> dict[int, PoseLabel]:
-    """One split's images, then what is said about them: documents are there only beside their own images."""
+    """Write one split's images, then the documents, which must never lie beside another export's images."""
     names = ("scene_camera.json", "scene_gt.json", "scene_gt_info.json")
     for name in names:
         remove_file(scene / name)
@@ -192,7 +192,7 @@ def _write_scene(
 
 
 def _in_front(image: LabelledImage) -> bool:
-    """Whether no part of the robot is behind the camera: its silhouette would have no box."""
+    """Whether the whole robot is in front of the camera; otherwise its silhouette has no box."""
     uv_px = image.label.projected_cuboid_px()
     return uv_px is None or bool(np.isfinite(uv_px).all())
 

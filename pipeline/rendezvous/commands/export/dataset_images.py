@@ -9,12 +9,12 @@ from enum import StrEnum
 from typing import Any
 
 import cv2
-import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
 from rendezvous.errors import StoreError
 from rendezvous.geometry.se2 import Array
+from rendezvous.interop.decoding import PNG_START, decoded
 from rendezvous.interop.pose_label import PoseLabel, label_of
 from rendezvous.schema import PAIRS, POSES
 from rendezvous.splits import SPLITS
@@ -23,7 +23,6 @@ from rendezvous.store.disk import Disk
 _BATCH_ROWS = 64
 
 _FILE = re.compile(r"([a-z]+)/([a-z]+)-(\d{5})-of-(\d{5})\.parquet")
-_PNG_MAGIC = b"\x89PNG\r\n\x1a\n"
 _COLUMNS = (
     *("image", "image_width_px", "image_height_px", "K", "robot", "cuboid_size_m", "T_r1_o"),
     *("T_c_o", "visible_px", "silhouette_px", "box_px"),
@@ -55,11 +54,11 @@ class LabelledImage:
     """One image of the dataset.
 
     Attributes:
-        name: the table's id of the row.
-        robot: what kind of robot the dataset shows; it may be absent from this image.
+        name: the row's id.
+        robot: the kind of robot in the dataset; it may be absent from this image.
         T_r1_o: (4, 4) pose of the cuboid on the robot.
         label: where the robot is.
-        encoded: the image, JPEG or PNG.
+        encoded: the image as JPEG or PNG.
     """
 
     name: str
@@ -69,15 +68,15 @@ class LabelledImage:
     encoded: bytes
 
     def png(self) -> bytes:
-        """The image as PNG: the stored bytes, or the decoded JPEG without further loss.
+        """The image as PNG: the stored bytes, or the JPEG re-encoded losslessly.
 
         Raises:
             StoreError: the stored bytes are damaged.
         """
-        if self.encoded.startswith(_PNG_MAGIC):
+        if self.encoded.startswith(PNG_START):
             return self.encoded
-        # OpenCV takes and gives blue first, so the order of the channels survives.
-        image = cv2.imdecode(np.frombuffer(self.encoded, np.uint8), cv2.IMREAD_COLOR)
+        # OpenCV decodes and encodes blue first, so the order of the channels survives.
+        image = decoded(self.encoded, cv2.IMREAD_COLOR)
         if image is None:
             raise StoreError(f"{self.name}: the image is damaged; `rendezvous verify` finds damaged files")
         return bytes(cv2.imencode(".png", image)[1])
@@ -89,9 +88,9 @@ class PublishedSplit:
 
     Attributes:
         root: the dataset's folder.
-        table, split: which ones.
+        table, split: names of the table and the split.
         files: names within the folder, in order.
-        rows: how many there are in all of them.
+        rows: number of rows in all files.
     """
 
     root: str
@@ -101,7 +100,7 @@ class PublishedSplit:
     rows: int
 
     def images(self) -> Iterator[LabelledImage]:
-        """The images in the order of the files, some in memory at a time.
+        """The images in the order of the files; a batch is in memory at a time.
 
         Raises:
             StoreError: a file is damaged or lacks a column, or a row has no image.

@@ -32,11 +32,11 @@ class DopeExport:
     """What was written.
 
     Attributes:
-        folder: where.
-        images: how many there are.
-        seen: in how many of them each kind of robot is visible; the kinds are DOPE's classes.
+        folder: the folder.
+        images: number of images.
+        seen: number of images that show each kind of robot; the kinds are DOPE's classes.
         cuboids_m: sides of each kind's cuboid along the axes of o.
-        camera: the camera of the first image.
+        camera: camera of the first image.
     """
 
     folder: Path
@@ -46,7 +46,7 @@ class DopeExport:
     camera: PinholeCamera | None = None
 
     def summary(self) -> str:
-        """What was written, and the lines that DOPE's configuration needs."""
+        """What was written, and the lines for DOPE's configuration."""
         assert self.camera is not None, "an export has images"
         seen = ", ".join(f"{self.seen[robot]} with {robot!r}" for robot in self.cuboids_m)
         sizes_cm = {
@@ -75,16 +75,16 @@ def export_dope(
 ) -> DopeExport:
     """Write a table's images and labels for DOPE.
 
-    The official loader and evaluation read no `_camera_settings.json` or `_object_settings.json`; none is
-    written.
+    There is no `_camera_settings.json` or `_object_settings.json`: the official loader and evaluation do not
+    read them.
 
     Args:
         dataset: folder of the published dataset, a local path or a URI.
         out: folder to write to.
-        table: whose images.
-        split: of which floor plans; all splits are numbered through.
-        count: at most so many images of each split, the first ones.
-        console: where progress is shown.
+        table: the table with the images.
+        split: the split, or all, which share one numbering.
+        count: maximum number of images of each split; the first ones are written.
+        console: shows progress.
 
     Raises:
         StoreError: the dataset or its images are not there, or a file cannot be written.
@@ -99,7 +99,7 @@ def export_dope(
 
 
 def _write_pair(out: Path, number: int, image: LabelledImage) -> None:
-    """The label is there only beside its own image: DOPE reads an image that has a label."""
+    """Write the label after its image: DOPE reads the images that have labels."""
     camera, path = image.label.camera, out / numbered(number)
     if min(camera.width_px, camera.height_px) < CROP_PX:
         raise PipelineError(
@@ -113,7 +113,7 @@ def _write_pair(out: Path, number: int, image: LabelledImage) -> None:
 
 
 def _tally(made: DopeExport, image: LabelledImage) -> None:
-    """Count an image, and see that it fits those before it."""
+    """Count an image and check that its robot is the same as before."""
     size_m = image.label.cuboid_size_m
     if made.cuboids_m.setdefault(image.robot, size_m) != size_m:
         raise PipelineError(

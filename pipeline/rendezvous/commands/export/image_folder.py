@@ -1,4 +1,4 @@
-"""A folder of numbered images, as other programs want them, filled from the published dataset."""
+"""Folders of numbered images for other programs, filled from the published dataset."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ _NUMBERED = re.compile(r"(\d{6})\.(png|json)")
 
 
 def numbered(number: int) -> str:
-    """The name of an image's files, without suffix."""
+    """Name of an image's files without the suffix."""
     return f"{number:06d}"
 
 
 def check_room(folder: Path, images: int) -> None:
-    """See that so many images can be numbered in a folder, and that no other ones would be left there.
+    """Check that this many images can be numbered in a folder and replace all those already there.
 
     Raises:
-        StoreError: there are too many, or files of an earlier export that this one would not replace.
+        StoreError: there are too many, or files of a larger export would be left in the folder.
     """
     if images > LARGEST_COUNT:
         raise StoreError(
@@ -59,14 +59,14 @@ def written_images(
     console: Console,
     keep: Callable[[LabelledImage], bool] = lambda image: True,
 ) -> Iterator[tuple[int, LabelledImage]]:
-    """Call `write` with every image and its number, and give both when they are written, in order.
+    """Call `write` for every image and yield number and image, in order, once they are written.
 
     Args:
-        splits: where the images are.
-        count: at most so many of each split.
-        write: writes one image's files; called on several threads, as coding images lets others run.
-        console: where progress is shown.
-        keep: tells which images to write; they are numbered without gaps.
+        splits: the images.
+        count: maximum number of images of each split.
+        write: writes one image's files; called in several threads, as encoding releases the GIL.
+        console: shows progress.
+        keep: selects the images to write; they are numbered without gaps.
     """
     total = sum(min(count, split.rows) for split in splits)
     images = chain.from_iterable(islice(split.images(), count) for split in splits)
@@ -87,7 +87,7 @@ def written_images(
 
 
 def write_file(path: Path, content: bytes) -> None:
-    """Write a file so that it is there wholly or not at all.
+    """Write a file completely or not at all.
 
     Raises:
         StoreError: it cannot be written.

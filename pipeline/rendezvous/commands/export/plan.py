@@ -6,7 +6,8 @@ import difflib
 from collections.abc import Mapping
 from pathlib import Path
 
-from rendezvous.errors import FloorplanError, StoreError
+from rendezvous.commands.export.image_folder import write_file
+from rendezvous.errors import FloorplanError
 from rendezvous.floorplan.generate import shipped_floorplans
 from rendezvous.floorplan.houseexpo import houseexpo_json
 from rendezvous.plan_schema import PLAN_COLUMNS, plan_of
@@ -17,10 +18,7 @@ _EXPORTED = ("glb", "glb_furnished", "mjcf")
 
 
 def export_plan(meshes: StageReader, plan_id: str, out: Path) -> list[Path]:
-    """Write one plan's JSON, its GLB without and with furniture, and its MJCF.
-
-    Returns:
-        The files written.
+    """Write one plan's JSON, its GLB with and without furniture, and its MJCF; returns the files.
 
     Raises:
         FloorplanError: there is no such plan.
@@ -43,20 +41,12 @@ def export_plan(meshes: StageReader, plan_id: str, out: Path) -> list[Path]:
 
 
 def export_floorplans(count: int, out: Path) -> list[Path]:
-    """Write the plans of the folder `floorplans/`; the first ones are the same for every count.
-
-    Returns:
-        The files written.
-    """
+    """Write the shipped plans, or more: the first ones are the same for every count; returns the files."""
     plans = shipped_floorplans(count, robot_radius_m=load_robot("burger").radius_m)
     return _written(out, {f"{plan.plan_id}.json": houseexpo_json(plan).encode() for plan in plans})
 
 
 def _written(out: Path, files: Mapping[str, bytes]) -> list[Path]:
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-        for name, content in files.items():
-            (out / name).write_bytes(content)
-    except OSError as error:
-        raise StoreError(f"{out}: cannot be written ({(error.strerror or str(error)).lower()})") from error
+    for name, content in files.items():
+        write_file(out / name, content)
     return [out / name for name in files]

@@ -1,4 +1,4 @@
-"""Write one published sighting as `fuse` reads it: maps of ROS, the image, the camera, and the command."""
+"""Write one published pair as inputs of `fuse`: ROS maps, the image, the camera, and the command."""
 
 from __future__ import annotations
 
@@ -12,12 +12,14 @@ from typing import Any
 import cv2
 import numpy as np
 import pyarrow as pa
+from scipy.spatial.transform import Rotation
 
 from rendezvous.errors import StoreError
 from rendezvous.geometry.camera import R_BODY_OPTICAL, PinholeCamera
 from rendezvous.geometry.occupancy_grid import grid_from_png
 from rendezvous.geometry.se2 import SE2, Array
 from rendezvous.interop.camera_info import write_camera_info
+from rendezvous.interop.decoding import decoded
 from rendezvous.interop.ros_map import write_ros_map
 from rendezvous.schema import PAIRS
 from rendezvous.store.disk import Disk
@@ -30,22 +32,22 @@ _COLUMNS = (
 )
 _COMMAND = "command.txt"
 WHOLE = 0.95
-"""Visibility of a robot that is wholly seen, but for a few pixels."""
+"""Visibility above which a robot counts as completely visible."""
 
 
 def export_sighting(dataset: str, pair_id: str | None, out: Path) -> str:
     """Write `map0.yaml`, `map1.yaml` with their images, `image.png`, `camera.yaml` and `command.txt`.
 
-    A pair without an image gets the true relative pose in its command instead.
+    For a pair without an image, the command has the true relative pose instead.
 
     Args:
         dataset: folder that `pack` wrote.
-        pair_id: of the sighting; None: in the first file of the test split, or of another if that has none,
-            the first one whose image shows the whole robot, or else the first.
+        pair_id: the pair; None for the first one that shows the whole robot (or else the first) in the first
+            file of the test split (or else of another split).
         out: folder to write to.
 
     Returns:
-        The command that fuses it.
+        The command that fuses the pair.
 
     Raises:
         StoreError: there is no such dataset or pair, or a file cannot be written.
@@ -62,14 +64,14 @@ def export_sighting(dataset: str, pair_id: str | None, out: Path) -> str:
             write_camera_info(camera, folder / "camera.yaml")
             (folder / "image.png").write_bytes(_png(row))
         command = _command(row, out)
-        (folder / _COMMAND).write_text(f"{command}\n")
+        (folder / _COMMAND).write_bytes(f"{command}\n".encode(errors="surrogateescape"))
         for path in sorted(folder.iterdir()):
             disk.write(path.name, path.read_bytes())
     return command
 
 
 def _row(reader: StageReader, pair_id: str | None) -> Mapping[str, Any]:
-    """The pair's row; the test split's pairs come first."""
+    """The pair's row, looked for in the test split first."""
     names = sorted(
         (shard.name for shard in reader.shards() if shard.name.startswith("pairs/")),
         key=lambda name: (
@@ -92,13 +94,13 @@ def _row(reader: StageReader, pair_id: str | None) -> Mapping[str, Any]:
 
 
 def _best_seen(table: pa.Table) -> int:
-    """The first row whose image shows the whole robot; the first of all if none does."""
+    """Index of the first row whose image shows the whole robot, or 0."""
     return next((i for i, share in enumerate(table["visibility"].to_pylist()) if (share or 0.0) >= WHOLE), 0)
 
 
 def _png(row: Mapping[str, Any]) -> bytes:
-    """The image without further loss."""
-    image = cv2.imdecode(np.frombuffer(row["image"], np.uint8), cv2.IMREAD_COLOR)
+    """The image, re-encoded losslessly."""
+    image = decoded(row["image"], cv2.IMREAD_COLOR)
     if image is None:
         raise StoreError(
             f"{row['pair_id']}: its image cannot be decoded; `rendezvous verify` finds damaged files"
@@ -107,7 +109,7 @@ def _png(row: Mapping[str, Any]) -> bytes:
 
 
 def _command(row: Mapping[str, Any], out: Path) -> str:
-    """`rendezvous fuse` with all that the row tells."""
+    """`rendezvous fuse` with the row's poses."""
     words = ["rendezvous", "fuse"]
     for i in (0, 1):
         words += [
@@ -125,16 +127,11 @@ def _command(row: Mapping[str, Any], out: Path) -> str:
 
 
 def _body_pose(T_r0_c: Array) -> Array:
-    """(6,) x, y, z [m], roll, pitch, yaw [rad] of a camera's body: inverse of `camera_pose`."""
-    R = T_r0_c[:3, :3] @ R_BODY_OPTICAL.T
-    roll, pitch, yaw = (
-        np.arctan2(R[2, 1], R[2, 2]),
-        -np.arcsin(np.clip(R[2, 0], -1.0, 1.0)),
-        np.arctan2(R[1, 0], R[0, 0]),
-    )
-    return np.array([*T_r0_c[:3, 3], roll, pitch, yaw])
+    """(6,) x, y, z [m], roll, pitch, yaw [rad] of a camera's body, the inverse of `camera_pose`."""
+    yaw_pitch_roll = Rotation.from_matrix(T_r0_c[:3, :3] @ R_BODY_OPTICAL.T).as_euler("ZYX")
+    return np.array([*T_r0_c[:3, 3], *yaw_pitch_roll[::-1]])
 
 
 def _numbers(values: Array) -> str:
-    """With commas between them, six digits of each, none beyond the micrometre; no minus before a zero."""
+    """Comma-separated, with six significant digits down to the micrometre, and never `-0`."""
     return ",".join(f"{float(value) + 0.0:.6g}" for value in np.round(values, 6))

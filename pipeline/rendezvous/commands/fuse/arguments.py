@@ -1,4 +1,4 @@
-"""Checks of what `fuse` is given that need no heavy import: the command line makes them first."""
+"""Checks of the arguments of `fuse` without heavy imports; the command line makes them first."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ Merge = Literal["occupied", "probabilistic"]
 REFINEMENTS, MERGINGS = get_args(Refine), get_args(Merge)
 
 LARGEST_SIGMA = 1000.0
-"""A standard deviation [m, m, rad] beyond this says that the pose is not known."""
+"""A pose with a larger standard deviation [m, m, rad] is not known at all."""
 
 AS_IN_PYTHON: Callable[[str], str] = str
-"""How a message spells an argument's name."""
+"""Spells an argument's name in messages."""
 
 
 def require_one_sighting(
@@ -28,10 +28,14 @@ def require_one_sighting(
     relative_sigma: bool,
     spelt: Callable[[str], str] = AS_IN_PYTHON,
 ) -> None:
-    """Check that there are images with their camera, or a relative pose, but not both.
+    """Check that there are either images and their camera or a relative pose.
+
+    Args:
+        image, camera, camera_pose, relative, relative_sigma: whether each is given.
+        spelt: spells an argument's name in messages.
 
     Raises:
-        ConfigError: something is missing, or does not go with the rest.
+        ConfigError: something is missing or contradicts the rest.
     """
     if image and relative:
         raise ConfigError(

@@ -1,4 +1,4 @@
-"""Fuse two maps: read what is given, find where one robot saw the other, call the system."""
+"""One fusion: read the inputs, estimate where one robot saw the other, fuse the maps."""
 
 from __future__ import annotations
 
@@ -117,9 +117,9 @@ def fused(request: FuseRequest) -> Fused:
     """Fuse two maps.
 
     Raises:
-        MapError, CameraError, ConfigError, StoreError: what is given cannot be read or used.
-        SightingError: the robot is found in none of the images.
-        SetupError: PyTorch is needed and not installed.
+        MapError, CameraError, ConfigError, StoreError: an input cannot be read or used.
+        SightingError: the robot is not found in any image.
+        SetupError: PyTorch is needed but not installed.
     """
     clock = _Clock()
     with warnings.catch_warnings(record=True) as caught, clock.part("read"):
@@ -161,7 +161,7 @@ def fused(request: FuseRequest) -> Fused:
 
 
 def _warn_of_degrees(request: FuseRequest) -> None:
-    """A yaw may be unrolled, but one of more than a turn is more often meant in degrees."""
+    """Warn of angles beyond a turn: they may be unwrapped, but more often they are degrees."""
     poses = ("pose 0", request.T_m0_r0), ("pose 1", request.T_m1_r1), ("relative pose", request.T_r0_r1)
     angles = [(name, pose.yaw_rad) for name, pose in poses if pose is not None]
     angles += [("camera pose", angle_rad) for angle_rad in (request.camera_pose or ())[3:]]
@@ -187,7 +187,7 @@ def _covariance(sigma: tuple[float, float, float] | None) -> Array | None:
 def _pose_estimator(
     request: FuseRequest, robot: RobotSpec, weights: PoseWeights | None
 ) -> ImagePoseEstimator:
-    """The one that is given, or the trained one, which knows one robot and no other."""
+    """The caller's estimator, or the trained one, which knows only the robot it was trained on."""
     if weights is None:
         assert request.pose_estimator is not None
         return request.pose_estimator
@@ -213,14 +213,14 @@ def _refiner(refine: Refinement, matcher: SelectedMethod | None) -> Refiner | No
 
 
 def _matcher(refine: Refinement) -> SelectedMethod | None:
-    """The matcher and its weights, if it is used; its own search is not: the refiner sets it."""
+    """The matcher and its weights, or None if not needed; the refiner replaces its search range."""
     if not refine.needs_matcher:
         return None
     return selected_matcher()
 
 
 def _used(matcher: SelectedMethod | None, pose_weights: PoseWeights | None) -> dict[str, tuple[str, str]]:
-    """File and SHA-256 of the networks' weights: those of `runs/`, or else the shipped ones."""
+    """File and SHA-256 of the weights that were used, by network."""
     used = {}
     if pose_weights is not None:
         used["relative_pose"] = str(pose_weights.path), pose_weights.digest

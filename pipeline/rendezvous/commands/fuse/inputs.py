@@ -1,4 +1,4 @@
-"""What `fuse` is given, read from files."""
+"""Reads the inputs of `fuse`."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ ImageLike = str | Path | Image
 CameraLike = str | Path | CameraInfo | PinholeCamera
 
 FOCAL_SHARES = 0.1, 20.0
-"""Focal lengths of lenses, of the image's side: a view of 157° to 3°."""
+"""Focal lengths of real lenses / the image's side: fields of view from 157° to 3°."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Photograph:
-    """An image as the pinhole camera sees it.
+    """An undistorted image.
 
     Attributes:
         name: for messages and records.
-        image: (H, W, 3) uint8 RGB, free of distortion.
+        image: (H, W, 3) uint8 RGB.
     """
 
     name: str
@@ -42,10 +42,10 @@ class Photograph:
 
 
 def read_map(given: MapLike, *, strict: bool) -> OccupancyGrid:
-    """A map of ROS, or the grid that is given.
+    """The ROS map in a file, or the grid itself.
 
     Raises:
-        MapError: the file is missing or no map, or the grid's values are others than those of map_server.
+        MapError: the file is missing or is not a map, or the grid has values that map_server has not.
     """
     if isinstance(given, OccupancyGrid):
         others = given.cells[~np.isin(given.cells, (OCCUPIED, UNKNOWN, FREE))]
@@ -61,10 +61,10 @@ def read_map(given: MapLike, *, strict: bool) -> OccupancyGrid:
 
 
 def read_camera(given: CameraLike) -> CameraInfo:
-    """A calibration of ROS, or the camera that is given; a pinhole camera has no distortion.
+    """The ROS calibration in a file, or the camera itself; a pinhole camera has no distortion.
 
     Raises:
-        CameraError: the file is missing or no calibration, or no lens has its focal lengths.
+        CameraError: the file is missing or is not a calibration, or no real lens has its focal lengths.
     """
     info = _camera_info(given)
     camera = info.camera
@@ -96,15 +96,15 @@ def _camera_info(given: CameraLike) -> CameraInfo:
 
 
 def read_photograph(given: ImageLike, camera: CameraInfo, *, number: int) -> Photograph:
-    """An image, undistorted.
+    """Read an image and undistort it.
 
     Args:
         given: a file that OpenCV reads, or (H, W, 3) uint8 RGB.
-        camera: that took it.
-        number: of the image, for messages about an array.
+        camera: the camera that took it.
+        number: the image's number, for messages about an array.
 
     Raises:
-        CameraError: it is no image, is cut short, or is not of the camera's size, or neither file nor array.
+        CameraError: it is neither a file nor an array, not an image, truncated, or not of the camera's size.
     """
     if isinstance(given, np.ndarray):
         name, image = f"image {number}", given
@@ -151,11 +151,11 @@ def mounting(camera_pose_xyzrpy: tuple[float, ...] | None, robot: str) -> Array:
 
     Args:
         camera_pose_xyzrpy: x, y, z [m], roll, pitch, yaw [rad] of the camera's body (x forward) on the robot;
-            None: as the robot's file has it.
+            None for the pose in the robot's file.
         robot: a shipped robot or a robot file.
 
     Raises:
-        ConfigError: there is no such robot, or not six finite numbers.
+        ConfigError: there is no such robot, or the pose is not six finite numbers.
     """
     if camera_pose_xyzrpy is None:
         return load_robot(robot).camera.T_r_c()

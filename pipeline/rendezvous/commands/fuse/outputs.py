@@ -1,25 +1,25 @@
-"""What `fuse` leaves: the fused map for ROS, pictures, and a record of all that was found.
+"""Files that `fuse` writes: the fused map for ROS, pictures, and a record.
 
-`fused.yaml` and `fused.pgm` are the map in the frame of map 0, `fused.png` shows how the maps lie,
-`image.png` (of several `image_0.png`, ...) the robot that was found. `result.json` tells, lengths in metres,
-angles in radians, a pose as `x_m, y_m, yaw_rad`, null where something is not known:
+`fused.yaml` and `fused.pgm` are the map in the frame of map 0, `fused.png` shows how the two maps overlap,
+`image.png` (`image_0.png`, ... for several) the robot in the image. `result.json` holds the following, with
+lengths in metres, angles in radians, poses as `x_m, y_m, yaw_rad`, and null for what is not known:
 
 - `verdict`: `accepted` or `uncertain`; `reasons`: what speaks against the map.
-- `T_m0_m1` (the result, Eq. 3), `T_m0_m1_initial` (by the sighting alone, Eq. 2): pose of map 1 in map 0;
-  `T_m1_m0`, `T_m1_m0_initial`: their inverses; `T_m0_r1`: where robot 1 stood, in map 0.
-- `frame_error`: `theta_w`, that of the initial transform seen from C, which is `window_centre_m0` [x, y] with
-  the axes of map 0, so that `T_m0_m1 = C theta_w^-1 C^-1 T_m0_m1_initial`; null if none was looked for or
-  found. `covariance`: 3 x 3 of the components of what is left of it (`degrees_of_freedom` of the Student's t
-  distribution that has it, null: normal). `ambiguous`: the maps fit in more than one way. `refined_by`: the
-  `refine` asked for.
-- `sighting`: ways to read it, the best first: `T_r0_r1`, `covariance` (3 x 3, of `T_r0_r1^-1 T_true`) with
-  `degrees_of_freedom`, `mass` (probability), `images` it rests on. `images`: of each its `name`, whether the
-  robot was `found`, `score`, the `reason` if not, and the `modes` it can be read by.
-- `overlap`: what both maps know, of what either does. `agreement_before`, `agreement_after` the refinement:
-  `wall_share` of walls that coincide, `conflict_share` of cells that contradict each other, and how many
-  cells each is about (`compared_cells`, `cells_known_in_both`).
+- `T_m0_m1` (the result, Eq. 3), `T_m0_m1_initial` (from the sighting alone, Eq. 2): pose of map 1 in map 0;
+  `T_m1_m0`, `T_m1_m0_initial`: their inverses; `T_m0_r1`: pose of robot 1 in map 0.
+- `frame_error`: `theta_w` (w as the paper calls the window): the error of the initial transform seen from C,
+  which is `window_centre_m0` [x, y] with the axes of map 0, so that `T_m0_m1 = C theta_w^-1 C^-1
+  T_m0_m1_initial`; null if it was not looked for or not found. `covariance`: 3 x 3, of the error that remains
+  (`degrees_of_freedom` of its Student's t distribution, null: normal). `ambiguous`: the maps fit in more than
+  one way. `refined_by`: the `refine` asked for.
+- `sighting`: readings of the sighting, the most probable first: `T_r0_r1`, `covariance` (3 x 3, of
+  `T_r0_r1^-1 T_true`) with `degrees_of_freedom`, `mass` (probability), `images` it rests on. `images`: for
+  each its `name`, whether the robot was `found`, `score`, the `reason` if not, and the `modes` it may have.
+- `overlap`: cells known in both maps / in either. `agreement_before`, `agreement_after` the refinement:
+  `wall_share` of walls that coincide, `conflict_share` of contradicting cells, and how many cells each was
+  computed from (`compared_cells`, `cells_known_in_both`).
 - `seconds` per part, `inputs` as given (sigmas and camera pose in metres and radians), `weights` of the
-  networks that were used (`file`, `sha256`), `warnings`, `files` beside the record, `versions` of packages.
+  networks used (`file`, `sha256`), `warnings`, `files` beside the record, `versions` of packages.
 """
 
 from __future__ import annotations
@@ -54,16 +54,16 @@ _PACKAGES = ("rendezvous-fusion", "numpy", "opencv-python-headless", "torch")
 
 
 def write_fused(fused: Fused, out: Path) -> list[Path]:
-    """Write a fusion to a folder, `result.json` last; what an earlier one left there is replaced.
+    """Write a fusion to a folder, `result.json` last, replacing that of an earlier fusion.
 
-    All is written under other names first, so that a full disk costs nothing of the earlier fusion; a folder
-    with a record holds the files of that record and of no other fusion.
+    All files get temporary names first, so that a full disk leaves the earlier fusion intact; beside a record
+    there are only files of the same fusion.
 
     Returns:
         The files.
 
     Raises:
-        ConfigError: a file would replace one that the fusion was made from.
+        ConfigError: a file would replace one of the inputs.
         StoreError: the folder cannot be written.
     """
     require_apart(fused.request, out)
@@ -87,10 +87,10 @@ def write_fused(fused: Fused, out: Path) -> list[Path]:
 
 
 def require_apart(request: FuseRequest, out: Path) -> None:
-    """Check that no file of the fusion would take the place of one that it is made from.
+    """Check that no output would overwrite an input.
 
     Raises:
-        ConfigError: names that file.
+        ConfigError: names the input.
         MapError: the YAML file of a map cannot be read.
     """
     folder = Path(Disk(str(out)).path()).resolve()
@@ -119,7 +119,7 @@ def _remove(disk: Disk, name: str) -> None:
 
 
 def _earlier_pictures(disk: Disk) -> list[str]:
-    """Pictures of an earlier fusion's images, as its record has them: other pictures are someone else's."""
+    """Names of an earlier fusion's pictures, from its record: other pictures are not ours."""
     if disk.size(_RECORD) is None:
         return []
     try:
@@ -130,11 +130,11 @@ def _earlier_pictures(disk: Disk) -> list[str]:
 
 
 def record_of(fused: Fused, files: list[str]) -> dict[str, Any]:
-    """All that was found, for `result.json`.
+    """Content of `result.json`.
 
     Args:
         fused: the fusion.
-        files: names of those beside the record.
+        files: names of the files beside it.
     """
     result = fused.result
     return {
@@ -203,7 +203,7 @@ def _sighting_files(fused: Fused) -> dict[str, bytes]:
 
 
 def _frame_error(fused: Fused) -> dict[str, Any]:
-    """Of the initial alignment, in the window frame, and what is left of it."""
+    """Frame error of the initial alignment and the covariance of what is left after its correction."""
     result, estimate = fused.result, fused.result.estimate
     theta = estimate.theta if estimate else None
     return {
@@ -268,7 +268,7 @@ def _agreement(agreement: MapAgreement) -> dict[str, Any]:
 
 
 def _plain(value: Any) -> Any:
-    """With Python's numbers and lists for those of numpy, which are in what a caller gives."""
+    """Replace numpy's numbers and arrays, which callers may give, by Python's numbers and lists."""
     if isinstance(value, dict):
         return {key: _plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
