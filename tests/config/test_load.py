@@ -144,6 +144,12 @@ def test_a_rooms_own_contract_is_a_config_error():
     assert "rooms is (1, 2); must be (least, most)" in message_of("floorplans.generate.plans.rooms=[1, 2]")
 
 
+def test_a_training_has_an_end():
+    assert "train_pose.minutes and train_pose.samples are both null" in message_of("train_pose.minutes=null")
+    bounded = load_config(STAGES_YAML, overrides=["train.minutes=null", "train.samples=8"])
+    assert (bounded.train.minutes, bounded.train.samples) == (None, 8)
+
+
 def test_splits_share_no_more_plans_than_there_are():
     assert "validation_fraction and pack.test_fraction: sum to 1.1; must be at most 1" in message_of(
         "pack={validation_fraction: 0.4, test_fraction: 0.7}"

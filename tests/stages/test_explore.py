@@ -6,8 +6,9 @@ from pathlib import Path
 import pytest
 from rendezvous.errors import FloorplanError
 from rendezvous.exploration.records import Episode
+from rendezvous.exploration.starts import draw_starts
 from rendezvous.geometry.se2 import SE2
-from rendezvous.robot_file import ROBOTS
+from rendezvous.robot_file import ROBOTS, load_robot
 from rendezvous.schema import EXPLORE
 from rendezvous.seeds import stream
 from rendezvous.stages.explore import explore
@@ -61,8 +62,14 @@ def test_each_episode_has_starts_furniture_and_noise_of_its_own(
 
     def stands(surroundings, robots, starts, parameters, *, rng) -> Episode:
         seen.append((starts, len(surroundings.lidar_scene.segments_m), rng.random()))
-        return Episode(events=(), simulated_s=0.0, last=())  # type: ignore[arg-type]
+        return Episode(events=(), simulated_s=12.4, last=())  # type: ignore[arg-type]
 
+    def drawn(*given, **keywords) -> tuple[SE2, SE2]:
+        asked.update({key: value for key, value in keywords.items() if key != "rng"})
+        return draw_starts(*given, **keywords)
+
+    asked: dict[str, float] = {}
+    monkeypatch.setattr(import_module("rendezvous.stages.explore"), "draw_starts", drawn)
     monkeypatch.setattr(import_module("rendezvous.stages.explore"), "run_episode", stands)
     run = prepared(make_run, "explore.episodes_per_plan=4")
     counts = explore(run).counts()
@@ -73,6 +80,13 @@ def test_each_episode_has_starts_furniture_and_noise_of_its_own(
     places = [(start.x_m, start.y_m) for starts, *_ in seen for start in starts]
     assert len(set(places)) == 8
     assert len({segments for _, segments, _ in seen}) > 1
+    assert counts["simulated_s"] == 4 * 12
+    radius_m = load_robot("burger").radius_m
+    assert asked == {
+        "clearance_m": radius_m + 0.115,
+        "passage_m": radius_m + run.config.explore.episode.explorer.hard_margin_m,
+        "least_distance_m": 2.0,
+    }
 
 
 def test_when_no_episode_can_be_run_it_says_why(make_run: MakeRun) -> None:

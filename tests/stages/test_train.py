@@ -83,10 +83,13 @@ def test_training_writes_weights_a_curve_and_events_and_says_on_what(data: Path,
 
 def test_how_fast_it_goes_and_how_long_it_will_take_is_told(data: Path, tmp_path: Path, monkeypatch):
     monkeypatch.setattr("rendezvous.stages.training.train_record.LINE_EVERY_S", 0.0)
+    write, saved = Disk.write, list[str]()
+    monkeypatch.setattr(Disk, "write", lambda *given: (saved.append(given[1]), write(*given)))
     told = re.findall(
         r"train cnn-lie: (\d+) samples, [\d.]+/s, loss [\d.e+-]+, (\d+) % done, about (\d+) s left",
-        trained(data, tmp_path),
+        trained(data, tmp_path, "train.checkpoint_every_s=1e-6"),
     )
+    assert saved == [WEIGHTS, CURVE, CHECKPOINT] * 8  # after each step
     assert [(int(samples), int(done)) for samples, done, _ in told] == [
         (samples, round(100 * samples / 32)) for samples in range(8, 33, 4)
     ]

@@ -10,7 +10,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from rendezvous.store.digest import content_digest, item_digests
+from rendezvous.store.digest import column_types, content_digest, item_digests
 
 IMAGE = pa.struct([("bytes", pa.binary()), ("path", pa.string())])
 SCHEMA = pa.schema(
@@ -137,6 +137,18 @@ def test_names_kinds_and_borders_between_values_count():
         digest(x=pa.array([b"ab", b"c"])),
     ]
     assert len(set(digests)) == len(digests)
+
+
+def test_a_columns_type_is_told_with_all_that_is_in_it_and_outlives_parquet():
+    types = column_types(SCHEMA)
+    assert types["pose"] == "list[3]<double>"
+    assert types["path"] == "list<struct<t_s: double, x_m: double>>"
+    assert types["rings"] == "list<list<list[2]<double>>>"
+    assert types["image"] == "struct<bytes: binary, path: string>"
+    assert (types["count"], types["flag"], types["when"]) == ("int32", "bool", "timestamp[us]")
+    sink = io.BytesIO()
+    pq.write_table(SCHEMA.empty_table(), sink)
+    assert column_types(pq.read_table(sink).schema) == types
 
 
 def test_an_item_has_the_digest_of_its_own_rows():

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import errno
+import json
 import os
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import pyarrow as pa
@@ -253,6 +255,45 @@ def test_the_reason_to_make_a_shard_again_is_told_in_words(finished, inputs: Inp
     with writer.locked():
         assert writer.finished("part-00001.parquet", inputs) is None
         assert writer.reason_to_make("part-00001.parquet", inputs) == reason
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "reasons"),
+    [
+        ({"a": "double"}, {"a": "double"}, []),
+        ({"a": "double"}, {"a": "double", "b": "string"}, ["columns: b is new"]),
+        ({"a": "double", "b": "string"}, {"b": "string"}, ["columns: a is gone"]),
+        ({"a": "double"}, {"a": "int32"}, ["columns: a changed"]),
+        ({"a": "double", "b": "int32"}, {"b": "int32", "a": "double"}, ["columns: the order changed"]),
+        ({}, {"a": "double"}, ["its columns were not recorded"]),
+    ],
+)
+def test_columns_are_inputs(old: dict[str, str], new: dict[str, str], reasons: list[str]):
+    before, after = (Inputs(parameters={}, columns=c, items={"a": "1"}) for c in (old, new))
+    assert after.changes_since(before) == reasons
+    assert (after.fingerprint() == before.fingerprint()) == (not reasons)
+    moved = Inputs(parameters={}, columns=new, items={"b": "2"})
+    assert before.differs_in_items_only(moved) == (old == new)
+
+
+def test_a_manifest_keeps_columns_and_one_from_before_they_were_recorded_is_read(finished):
+    manifest = finished[1]
+    inputs = replace(manifest.shards[0].inputs, columns={"id": "string"})
+    known = replace(manifest, shards=(replace(manifest.shards[0], inputs=inputs), manifest.shards[1]))
+    fields = json.loads(json.dumps(known.to_json()))
+    assert Manifest.from_json(fields) == known
+    for shard in fields["shards"]:
+        del shard["inputs"]["columns"]
+    del fields["columns"]
+    assert Manifest.from_json(fields) == manifest
+
+
+@pytest.mark.parametrize(("shard", "table"), [("part-0.parquet", "toy"), ("pairs/part-0.parquet", "pairs")])
+def test_a_missing_column_is_named_with_its_table_and_file(tmp_path: Path, shard: str, table: str):
+    StageWriter(str(tmp_path), "toy", LAYOUT).write(shard, inputs_of("a"), shard_of("a"))
+    said = f"{tmp_path}/{shard}: table {table} has no column 'm'; `rendezvous toy` makes it again"
+    with pytest.raises(StoreError, match=f"^{re.escape(said)}$"):
+        StageReader(str(tmp_path), "toy").table(shard, columns=["id", "m", "k"])
 
 
 @pytest.mark.parametrize(("inputs", "kept"), [(inputs_of("new"), True), (inputs_of("a", "b", x=1), False)])
