@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.console import Console
 
+from rendezvous.commands.evaluate.images import (
+    ImageEvaluation,
+    image_conditions,
+    require_robot_of_images,
+    require_split,
+    unseen_images,
+)
 from rendezvous.commands.evaluate.measured_fusions import (
     FusionCase,
     FusionCases,
@@ -18,12 +24,6 @@ from rendezvous.commands.evaluate.measured_fusions import (
     run_case,
 )
 from rendezvous.commands.evaluate.recorded import RecordFolder
-from rendezvous.commands.evaluate.relative_pose import (
-    image_conditions,
-    require_robot_of_images,
-    require_split,
-    unseen_images,
-)
 from rendezvous.commands.evaluate.report_folder import PAGE, keep_evaluation, kept_metrics
 from rendezvous.errors import ConfigError, StoreError
 from rendezvous.evaluation.fusion.gallery import FusionShown, best_run, chosen_rendezvous, fusion_shown
@@ -44,7 +44,7 @@ from rendezvous.resources import METRICS
 from rendezvous.seeds import stream
 from rendezvous.stages.training.seen_images import SIGHTING, read_images
 from rendezvous.stages.weights.estimators import plans_trained_on, selected_matcher, trained
-from rendezvous.stages.weights.pose_source import PoseSource, PoseWeights
+from rendezvous.stages.weights.pose_source import PoseWeights
 from rendezvous.stages.weights.provenance import versions
 from rendezvous.store.disk import Disk
 from rendezvous.store.read import StageReader
@@ -55,38 +55,17 @@ _PACKAGES = ("rendezvous-fusion", "numpy", "scipy", "opencv-python-headless", "n
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class FusionEvaluation:
+class FusionEvaluation(ImageEvaluation):
     """What to measure.
 
     Attributes:
-        dataset: folder that `pack` wrote.
-        split: its split.
         count: largest number of rendezvous, drawn at random; None for all.
         methods: of `runs.METHODS`; empty for all that can run.
-        weights: of the relative pose, or None for those in `runs/`, then the shipped ones.
-        seed: of the draw of rendezvous.
-        folder: the report's.
-        workers: number of processes.
-        records: folder of recorded figures.
-        record: whether to record this run's figures there.
-        unseen: whether to leave out floor plans that the weights were trained on.
-        source: what makes the estimator of the relative pose, instead of weights.
-        console: for messages.
     """
 
-    dataset: str = "data/dataset"
-    split: str = "test"
     count: int | None = None
     methods: tuple[str, ...] = ()
-    weights: Path | None = None
-    seed: int = 0
-    folder: Path = Path("report")
-    workers: int = 1
     records: Path = FUSION_RECORDS
-    record: bool = False
-    unseen: bool = False
-    source: PoseSource | None = None
-    console: Console = field(default_factory=lambda: Console(stderr=True))
 
 
 def evaluate_fusion(settings: FusionEvaluation) -> Path:

@@ -3,18 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
-from rich.console import Console
 
+from rendezvous.commands.evaluate.images import (
+    ImageEvaluation,
+    image_conditions,
+    require_robot_of_images,
+    require_split,
+    unseen_images,
+)
 from rendezvous.commands.evaluate.measured_poses import PoseVariant, measured_poses
 from rendezvous.commands.evaluate.recorded import RecordFolder
 from rendezvous.commands.evaluate.report_folder import PAGE, keep_evaluation, kept_metrics
-from rendezvous.errors import ConfigError, StoreError
+from rendezvous.errors import ConfigError
 from rendezvous.evaluation.relative_pose.errors import PoseOutcome
 from rendezvous.evaluation.relative_pose.gallery import PoseShown, chosen_images, pose_shown
 from rendezvous.evaluation.relative_pose.report import VARIANTS, FloorGain, PoseContent, pose_part
@@ -23,53 +29,30 @@ from rendezvous.evaluation.report.recorded_figures import ImageConditions, Recor
 from rendezvous.evaluation.statistics import bootstrap_mean, resample_weights
 from rendezvous.resources import METRICS
 from rendezvous.seeds import stream
-from rendezvous.stages.training.seen_images import KINDS, SeenImage, digest_of_images, read_images
-from rendezvous.stages.weights.estimators import plans_trained_on, trained_on
-from rendezvous.stages.weights.pose_source import PoseSource, PoseWeights, require_known_robot
-from rendezvous.stages.weights.provenance import commit, hardware, versions
+from rendezvous.stages.training.seen_images import KINDS, SeenImage, read_images
+from rendezvous.stages.weights.pose_source import PoseWeights
+from rendezvous.stages.weights.provenance import versions
 from rendezvous.store.disk import Disk
 from rendezvous.store.read import StageReader
-from rendezvous.training.frame_error.pairs import SPLIT_NAMES
 
 POSE_RECORDS = METRICS / "relative_pose"
 _PACKAGES = ("rendezvous-fusion", "numpy", "scipy", "opencv-python-headless", "numba", "torch", "pyarrow")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class PoseEvaluation:
+class PoseEvaluation(ImageEvaluation):
     """What to measure.
 
     Attributes:
-        dataset: folder that `pack` wrote.
-        split: its split.
         count: largest number of images, drawn at random; None for all.
         kinds: of `seen_images.KINDS`.
-        weights: of the estimator, or None for those in `runs/`, then the shipped ones.
         floor: whether the estimator takes the floor as known; None for both, side by side.
-        seed: of the draw of images.
-        folder: the report's.
-        workers: number of processes.
-        records: folder of recorded figures.
-        record: whether to record this run's figures there.
-        unseen: whether to leave out floor plans that the weights were trained on.
-        source: what makes the estimator, instead of weights.
-        console: for messages.
     """
 
-    dataset: str = "data/dataset"
-    split: str = "test"
     count: int | None = 1000
     kinds: tuple[str, ...] = KINDS
-    weights: Path | None = None
     floor: bool | None = None
-    seed: int = 0
-    folder: Path = Path("report")
-    workers: int = 1
     records: Path = POSE_RECORDS
-    record: bool = False
-    unseen: bool = False
-    source: PoseSource | None = None
-    console: Console = field(default_factory=lambda: Console(stderr=True))
 
 
 def evaluate_pose(settings: PoseEvaluation) -> Path:
@@ -136,95 +119,6 @@ def _metrics(content: PoseContent) -> dict[str, Any]:
         },
         "floor_gain": content.gain and asdict(content.gain),
     }
-
-
-def require_split(split: str) -> None:
-    """Check that there is such a split.
-
-    Raises:
-        ConfigError: there is none.
-    """
-    if split not in SPLIT_NAMES:
-        raise ConfigError(f"--split is {split!r}; must be one of {', '.join(SPLIT_NAMES)}")
-
-
-def require_robot_of_images(images: Sequence[SeenImage], source: PoseSource, dataset: str) -> None:
-    """Check that images show the robot that the weights know.
-
-    Raises:
-        ConfigError: they show another one.
-    """
-    record = source.record()
-    for image in images:
-        require_known_robot(
-            record,
-            image.cuboid_size_m,
-            image.T_r1_o,
-            weights="the weights",
-            whose=f"{dataset}, in {image.truth.image_id},",
-            instead="other --weights",
-        )
-
-
-def unseen_images(
-    images: Sequence[SeenImage], records: Sequence[Mapping[str, Any]], console: Console
-) -> list[SeenImage]:
-    """The images of floor plans that no weights were trained on.
-
-    Args:
-        images: of all plans.
-        records: of the training of each of the weights.
-        console: for the number of images left out.
-
-    Raises:
-        StoreError: there are no such images.
-    """
-    unseen = [i for i in images if not any(trained_on(record, i.plan_digest) for record in records)]
-    if not unseen:
-        raise StoreError(f"the weights were trained on the floor plans of all {len(images)} images")
-    console.print(
-        f"evaluate: left out {len(images) - len(unseen)} of {len(images)} images, of floor plans that the "
-        "weights were trained on",
-        highlight=False,
-        soft_wrap=True,
-    )
-    return unseen
-
-
-def image_conditions(
-    images: Sequence[SeenImage],
-    split: str,
-    seed: int,
-    sources: Mapping[str, PoseSource],
-    console: Console,
-) -> ImageConditions:
-    """The conditions of measuring images; warns if the weights were trained on their floor plans."""
-    plans = {image.truth.plan_id: image.plan_digest for image in images}
-    known = {name: _known_plans(source, plans) for name, source in sources.items()}
-    for name, count in known.items():
-        if count:
-            console.print(
-                f"evaluate {name}: warning: trained on {count} of these {len(plans)} floor plans; its errors "
-                "on plans that it never saw may be larger than these",
-                highlight=False,
-                soft_wrap=True,
-            )
-    return ImageConditions(
-        split=split,
-        images=len(images),
-        plans=len(plans),
-        data_digest=digest_of_images(images),
-        seed=seed,
-        weights={name: source.digest for name, source in sources.items()},
-        trained_on=known,
-        commit=commit(),
-        hardware=hardware(),
-    )
-
-
-def _known_plans(source: PoseSource, plans: Mapping[str, str]) -> int | None:
-    record = source.record()
-    return plans_trained_on(record, plans) if "data" in record else None
 
 
 def _content(
