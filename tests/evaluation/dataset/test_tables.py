@@ -1,8 +1,19 @@
 from __future__ import annotations
 
+import numpy as np
+import pyarrow as pa
+from rendezvous.evaluation.dataset.card import quality_table
 from rendezvous.evaluation.dataset.sampling import evenly_by
-from rendezvous.evaluation.dataset.tables import column_table, markdown_table
-from rendezvous.schema import PAIRS
+from rendezvous.evaluation.dataset.tables import (
+    column_table,
+    distinct,
+    markdown_table,
+    quantile_table,
+    split_table,
+)
+from rendezvous.schema import EXPLORE, PAIRS
+
+from tests.synthetic import synthetic_row
 
 
 def test_numbers_are_aligned_to_the_right_and_bars_escaped():
@@ -19,6 +30,40 @@ def test_the_data_dictionary_names_shapes():
     assert any(line.startswith("| `K` | 9 doubles | px |") for line in lines)
     assert any(line.startswith("| `projected_cuboid_px` | 9×2 doubles | px |") for line in lines)
     assert len(lines) == len(PAIRS.columns) + 2
+
+
+def test_quantiles_stand_from_low_to_high():
+    values = np.linspace(0.0, 10.0, 101)
+    assert quantile_table([("Range [m]", values, 1), ("none", np.zeros(0), 1)]).splitlines() == [
+        "|  | 5% | 25% | 50% | 75% | 95% |",
+        "| --- | --- | --- | --- | --- | --- |",
+        "| Range [m] | 0.5 | 2.5 | 5.0 | 7.5 | 9.5 |",
+        "| none |  |  |  |  |  |",
+    ]
+
+
+def test_splits_that_have_rows_are_counted_and_added_up():
+    rows = pa.table({"split": ["test", "train", "train"], "plan": ["b", "a", "a"]})
+    assert split_table(rows, {"plans": distinct("plan"), "pairs": len}).splitlines()[2:] == [
+        "| train | 1 | 2 |",
+        "| test | 1 | 1 |",
+        "| all | 2 | 3 |",
+    ]
+
+
+def test_the_card_pools_both_robots_and_leaves_out_what_was_not_measured():
+    rows = [synthetic_row(np.random.default_rng(plan), plan=plan) for plan in range(2)]
+    pairs = EXPLORE.table(
+        [row | {"slam_heading_error_0_rad": 0.1, "slam_heading_error_1_rad": 0.3} for row in rows]
+        + [
+            rows[0]
+            | {"slam_heading_error_0_rad": 0.2, "slam_heading_error_1_rad": 0.2, "wall_agreement": None}
+        ]
+    )
+    lines = {line.split(" | ")[0]: line for line in quality_table(pairs).splitlines()}
+    assert lines["| SLAM heading error [°]"].split(" | ")[1:4] == ["5.73", "7.16", "11.46"]
+    shares = [row["wall_agreement"] for row in rows]
+    assert lines["| Walls that agree, by `T_m0_m1` [%]"].split(" | ")[3] == f"{100 * np.mean(shares):.1f}"
 
 
 def test_even_ranks_go_from_low_to_high():

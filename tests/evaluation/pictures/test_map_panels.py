@@ -1,8 +1,10 @@
 import numpy as np
 from rendezvous.evaluation.pictures.canvas import View
-from rendezvous.evaluation.pictures.map_panels import sampled
+from rendezvous.evaluation.pictures.map_panels import PairMaps, sampled
 from rendezvous.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from rendezvous.geometry.se2 import SE2
+
+from tests.synthetic import synthetic_row
 
 
 def test_a_panel_has_the_maps_value_at_every_half_pixel():
@@ -14,3 +16,11 @@ def test_a_panel_has_the_maps_value_at_every_half_pixel():
     found = sampled(grid, T_d_m, view, (90, 70))
     assert len(np.unique(found)) == 3
     np.testing.assert_array_equal(found, wanted)
+
+
+def test_maps_lie_as_they_agree_and_true_paths_as_the_robots_started():
+    row = synthetic_row(np.random.default_rng(0), plan=0) | {"T_m0_m1": SE2(1.0, 2.0, 0.5)}
+    pair = PairMaps.of(row)
+    assert pair.T_m0_m(0) == pair.T_m0_m(0, true=True) == SE2.identity()
+    assert pair.T_m0_m(1) == row["T_m0_m1_local"]
+    assert pair.T_m0_m(1, true=True) == SE2(1.0, 2.0, 0.5)

@@ -125,4 +125,4 @@ def test_outcomes_survive_json(pose):
     assert again.to_json() == row.to_json()
     assert again.T_r0_r1 == row.T_r0_r1
     assert again.degrees_of_freedom == row.degrees_of_freedom
-    assert again.others == row.others
+    assert again.others == row.others == tuple(mode.T_r0_r1 for mode in pose.modes[1:])

@@ -20,15 +20,22 @@ def test_best_and_median_mind_the_heading_and_the_worst_are_of_both_kinds():
     assert {number for why, number in chosen if why == "worst"} == {0, 3}
 
 
+def test_medians_are_those_in_the_middle():
+    found = outcomes([truth(i, AHEAD) for i in range(9)], [_off(0.01 * i, 0.0, 0.0) for i in range(9)])
+    named = [(why, number) for why, number in chosen_images(found, each=3) if why != "worst"]
+    assert named == [("best", 0), ("best", 1), ("best", 2), ("median", 3), ("median", 4), ("median", 5)]
+
+
 def test_missed_and_false_ones_are_shown_the_most_visible_and_the_surest_first():
     truths = [
         truth(0, AHEAD, visibility=0.3),
         truth(1, AHEAD, visibility=0.9),
-        truth(2, None),
-        truth(3, None),
+        *(truth(i, None) for i in (2, 3, 4)),
     ]
-    poses = [read_as(), read_as(), read_as(mode(AHEAD), score=0.6), read_as(mode(AHEAD), score=0.8)]
-    assert chosen_images(outcomes(truths, poses), each=1) == [("missed", 1), ("false detection", 3)]
+    poses = [*[read_as()] * 2, *(read_as(mode(AHEAD), score=score) for score in (0.6, 0.8)), read_as()]
+    found = outcomes(truths, poses)
+    assert chosen_images(found, each=1) == [("missed", 1), ("false detection", 3)]
+    assert [number for why, number in chosen_images(found, each=4) if why == "missed"] == [1, 0]
 
 
 def test_no_image_is_shown_twice():

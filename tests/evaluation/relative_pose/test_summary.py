@@ -6,6 +6,7 @@ from dataclasses import asdict, astuple
 import numpy as np
 import pytest
 from pydantic import TypeAdapter
+from rendezvous.evaluation.relative_pose.errors import PoseOutcome, pose_table
 from rendezvous.evaluation.relative_pose.summary import (
     GROUPS,
     HEADINGS,
@@ -65,6 +66,25 @@ def test_what_is_never_found_has_no_errors_but_is_counted():
     assert found.coverage is None
     assert found.window is None
     assert not found.reached
+
+
+def test_false_detections_are_of_images_without_the_robot_and_of_covered_copies():
+    pose = SE2(1.0, 0.0, 0.0)
+    truths = [truth(0, pose), truth(1, None), truth(2, None), truth(3, pose), truth(4, pose)]
+    rows = [
+        PoseOutcome.of(t.image_id, read, duration_s=duration_s, found_covered=covered)
+        for t, read, duration_s, covered in zip(
+            truths,
+            [read_as(mode(pose)), read_as(mode(pose)), read_as(), read_as(), read_as(mode(pose))],
+            (1.0, 2.0, 3.0, 4.0, 6.0),
+            (True, None, None, False, False),
+            strict=True,
+        )
+    ]
+    found = pose_summary(pose_table(truths, rows))
+    assert (found.false_detections.count, found.false_detections.of) == (1, 2)
+    assert (found.false_covered.count, found.false_covered.of) == (1, 3)
+    assert (found.duration_median_s, found.duration_p95_s) == pytest.approx((3.0, 5.6))
 
 
 def test_every_image_that_shows_the_robot_is_in_one_group_of_each_kind():

@@ -74,8 +74,8 @@ class FusionSetup:
     matcher: SelectedMethod | None = field(default=None)
 
     def refiners(self) -> dict[str, Refiner | None]:
-        """By method."""
-        matcher = None if self.matcher is None else _matcher(self.matcher)
+        """The refiner of each method that can run."""
+        matcher: Any = None if self.matcher is None else _matcher(self.matcher)
         return {
             name: matcher_refiner(matcher, with_prior=way.needs_covariance)
             if way.needs_matcher
