@@ -50,6 +50,15 @@ def test_what_is_seen_agrees_with_a_segment_to_every_cell() -> None:
     assert (seen[distance_m > 1.6] == HIDDEN_CELL).all()
 
 
+@pytest.mark.parametrize("radius_m", [0.1, 0.3])
+def test_a_robot_covers_a_disc_of_its_radius_even_within_walls(radius_m: float) -> None:
+    robot = RobotSight(range_m=1.0, radius_m=radius_m)
+    seen = seen_from(np.ones((80, 80), bool), (0.31, -0.42), cell_m=0.05, robot=robot)
+    row, col = (np.indices(seen.shape) + 0.5 - 40) * 0.05
+    under = np.hypot(col - 0.31, row + 0.42) <= radius_m
+    np.testing.assert_array_equal(seen == ROBOT_CELL, under)
+
+
 @pytest.mark.parametrize("robot_m", [(5.0, 0.0), (0.0, -2.1), (-40.0, 40.0)])
 def test_a_robot_outside_the_window_marks_nothing(robot_m: tuple[float, float]) -> None:
     assert not seen_from(np.zeros((80, 80), bool), robot_m, cell_m=0.05, robot=RobotSight()).any()

@@ -43,13 +43,13 @@ def assert_found(window: MapWindow, search: SearchRange, heading_step_rad: float
     assert best == ScoredCell(score=int(volume.max()), heading=int(heading), row=int(row), col=int(col))
 
 
-@pytest.mark.parametrize("seed", range(40))
+@pytest.mark.parametrize("seed", range(24))
 def test_it_finds_the_cell_of_the_exhaustive_search_in_noise(seed: int):
     search = SearchRange(xy_m=(0.3, 0.5, 1.0, 1.7)[seed % 4], yaw_rad=(0.2, math.pi)[seed % 2])
     assert_found(noise(seed), search, heading_step_rad=0.3)
 
 
-@pytest.mark.parametrize("plan", range(3))
+@pytest.mark.parametrize("plan", range(2))
 def test_it_finds_the_cell_of_the_exhaustive_search_in_a_building(plan: int):
     rng = np.random.default_rng(plan)
     # Uniform over the paper's range.
@@ -63,11 +63,10 @@ def test_it_finds_the_cell_of_the_exhaustive_search_in_real_maps(real_data):
     assert_found(window, PAPER, heading_step_rad=math.radians(6.0))
 
 
-def test_no_score_in_a_block_exceeds_its_bound_and_some_bounds_are_tight():
-    window = noise(3)
-    scores = correlation(
-        window, SearchRange(xy_m=1.3, yaw_rad=0.5), heading_step_rad=0.25, blur_m=0.1, free_penalty=1.0
-    )
+@pytest.mark.parametrize(("seed", "xy_m"), [(3, 1.3), (4, 0.4), (5, 1.0)])
+def test_no_score_in_a_block_exceeds_its_bound_and_some_bounds_are_tight(seed: int, xy_m: float):
+    search = SearchRange(xy_m=xy_m, yaw_rad=0.5)
+    scores = correlation(noise(seed), search, heading_step_rad=0.25, blur_m=0.1, free_penalty=1.0)
     bounds, side = block_bounds(scores), 2 * scores.reach + 1
     slack = []
     for heading, row, col in np.ndindex(bounds.shape):
@@ -90,7 +89,7 @@ def test_a_tie_goes_to_the_first_cell_though_its_bound_is_tight_and_its_block_op
     assert best_cell(scores, bounds) == ScoredCell(score=200, heading=0, row=8, col=3)
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", range(12))
 def test_of_equal_scores_the_first_cell_is_found_in_whatever_order_blocks_are_opened(seed: int):
     cells = np.zeros((2, 40, 40), np.uint8)
     rng = np.random.default_rng(seed)

@@ -1,9 +1,11 @@
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from rendezvous.alignment.frame_error import pose_difference
 from rendezvous.alignment.window import FREE_CELL, OCCUPIED_CELL, MapWindow, SearchRange
+from rendezvous.baselines.branch_and_bound import Apart, best_cell, block_bounds
 from rendezvous.baselines.correlative import CorrelativeSearch
 from rendezvous.geometry.se2 import SE2
 
@@ -17,7 +19,7 @@ def assert_near(theta_hat: SE2 | None, theta: SE2, *, within_m: float, within_de
     assert abs(error.yaw_rad) < math.radians(within_deg)
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", range(4))
 def test_it_finds_any_frame_error_of_the_papers_range(seed: int):
     rng = np.random.default_rng(seed)
     # Uniform in its components, in the axes of m0; the window turned by any angle.
@@ -72,12 +74,23 @@ def test_evenly_spaced_walls_are_ambiguous():
     assert estimate.ambiguous
 
 
+def test_it_is_ambiguous_from_the_ratio_of_its_second_peak_on():
+    search, window = CorrelativeSearch(), window_with(SE2(0.3, 0.2, 0.1))
+    scores = search.correlation(window)
+    bounds = block_bounds(scores)
+    best = best_cell(scores, bounds)
+    second = best_cell(scores, bounds, apart=Apart(centre=best, yaw_rad=math.radians(10.0), cells=5))
+    ratio = second.score / best.score
+    assert replace(search, ambiguous_ratio=0.99 * ratio)(window).ambiguous
+    assert not replace(search, ambiguous_ratio=1.01 * ratio)(window).ambiguous
+
+
 def test_a_window_at_the_cell_of_the_search_is_not_pooled():
     theta = SE2(0.5, -0.4, 0.3)
     assert_near(CorrelativeSearch()(window_with(theta).pooled(2)).theta, theta, within_m=0.08, within_deg=1.0)
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(3))
 def test_it_agrees_with_the_registration_of_the_real_pair(real_data, seed: int):
     rng = np.random.default_rng(seed)
     theta = SE2(*rng.uniform(-1.4, 1.4, 2), rng.uniform(-0.7, 0.7))

@@ -20,7 +20,7 @@ def error_of(theta_hat: SE2 | None, theta: SE2) -> tuple[float, float]:
     return math.hypot(error.x_m, error.y_m), abs(math.degrees(error.yaw_rad))
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(4))
 def test_in_range_it_finds_the_motion_between_maps_of_rooms(seed: int):
     rng = np.random.default_rng(seed)
     theta = SE2(*rng.uniform(-1.4, 1.4, 2), rng.uniform(-math.pi / 4, math.pi / 4))

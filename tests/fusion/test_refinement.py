@@ -7,7 +7,7 @@ import pytest
 from rendezvous.alignment.estimate import Estimate
 from rendezvous.alignment.frame_error import corrected, frame_error, initial_alignment, meeting_point
 from rendezvous.alignment.sight import ROBOT_CELL
-from rendezvous.alignment.window import DEFAULT_SEARCH, MapWindow
+from rendezvous.alignment.window import DEFAULT_SEARCH, MapWindow, SearchRange
 from rendezvous.fusion.fusion_input import FusionInput
 from rendezvous.fusion.prior import FrameErrorPrior
 from rendezvous.fusion.refinement import WINDOW_TURN_RAD, refined
@@ -73,6 +73,44 @@ def test_the_window_shows_each_robot_where_it_stood_in_its_own_map():
         T_v_r = T_m0_v.inverse() @ T_m0_r
         row, col = (np.argwhere(sight == ROBOT_CELL) + 0.5).mean(axis=0) - 0.5 * len(sight)
         assert (col * window.cell_m, row * window.cell_m) == pytest.approx((T_v_r.x_m, T_v_r.y_m), abs=0.05)
+
+
+def test_an_answer_in_the_turned_window_comes_back_along_the_axes_of_map_0():
+    theta, spread = SE2(0.3, -0.1, 0.2), np.diag([0.09, 0.01, 0.04])
+    _, yaw_rad, given, T = looked_at(yaw_0=0.2, yaw_1=1.0)
+
+    def refiner(prior: FrameErrorPrior | None):
+        return lambda window: Estimate(theta=theta, covariance=spread), DEFAULT_SEARCH
+
+    found = refined(given, T, meeting_point(T, given.T_m1_r1), refiner, None)
+    R = SE2(0.0, 0.0, yaw_rad)
+    assert found.estimate.theta.as_array() == pytest.approx((R @ theta @ R.inverse()).as_array())
+    ahead = R.matrix()[:, 0]  # of the window: there the spread is widest
+    assert ahead @ found.estimate.covariance @ ahead == pytest.approx(0.09)
+    assert not found.at_edge
+
+
+@pytest.mark.parametrize(
+    ("theta", "at_edge"),
+    [
+        (SE2(0.89, -0.89, 0.48), False),
+        (SE2(-0.91, 0.0, 0.0), True),
+        (SE2(0.0, 0.91, 0.0), True),
+        (SE2(0.0, 0.0, -0.49), True),
+    ],
+)
+def test_an_answer_close_to_the_end_of_its_search_is_at_the_edge(theta: SE2, at_edge: bool):
+    _, _, given, T = looked_at(yaw_0=0.0, yaw_1=0.0)
+    for search, there in (
+        (SearchRange(xy_m=1.0, yaw_rad=0.5), at_edge),
+        (SearchRange(xy_m=2.0, yaw_rad=math.pi), False),
+    ):
+        answer = Estimate(theta=theta), search
+        found = refined(
+            given, T, meeting_point(T, given.T_m1_r1), lambda _, a=answer: (lambda w: a[0], a[1]), None
+        )
+        assert found.at_edge == there
+        assert found.search == search
 
 
 def test_what_an_estimate_leaves_lies_along_the_axes_of_map_0_however_far_it_turns():

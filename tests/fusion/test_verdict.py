@@ -7,11 +7,12 @@ import pytest
 from rendezvous.alignment.estimate import WRONG_M, WRONG_RAD, Estimate
 from rendezvous.alignment.window import DEFAULT_SEARCH
 from rendezvous.fusion.agreement import MapAgreement
-from rendezvous.fusion.fusion_input import SlamSpread
+from rendezvous.fusion.fusion_input import FusionInput, SlamSpread
 from rendezvous.fusion.prior import frame_error_prior
 from rendezvous.fusion.refinement import RefinedAlignment
 from rendezvous.fusion.sighted_pose import SightedMode, SightedPose
-from rendezvous.fusion.verdict import alignment_doubts, refinement_doubts, sighting_doubts
+from rendezvous.fusion.verdict import alignment_doubts, pose_doubts, refinement_doubts, sighting_doubts
+from rendezvous.geometry.occupancy_grid import FREE, UNKNOWN, OccupancyGrid
 from rendezvous.geometry.se2 import SE2, Array
 
 SIGMA = np.diag([0.1, 0.1, math.radians(3.0)]) ** 2
@@ -84,6 +85,18 @@ def test_only_agreement_that_clearly_falls_is_a_doubt():
     assert refinement_doubts(found, None, (before, agreeing(wall_share=0.86))) == []
     (doubt,) = refinement_doubts(found, None, (before, agreeing(wall_share=0.84)))
     assert doubt == "84% of the shared walls coincide after the refinement, 90% did before it"
+
+
+@pytest.mark.parametrize(("away_m", "doubted"), [(0.2, False), (0.3, True)])
+@pytest.mark.parametrize("along", [(1.0, 0.0), (0.0, -1.0), (-1.0, 0.0), (0.0, 1.0)])
+def test_a_robot_must_stand_close_to_cells_that_its_map_knows(away_m: float, doubted: bool, along):
+    """One known cell in an unknown map, the robot in map 1 at a distance from its centre; robot 0 on one."""
+    cells = np.full((41, 41), UNKNOWN, np.uint8)
+    cells[20, 20] = FREE
+    grid = OccupancyGrid(cells=cells, resolution_m=0.05, T_m_g=SE2(-20.5 * 0.05, -20.5 * 0.05, 0.0))
+    T_m1_r1 = SE2(away_m * along[0], away_m * along[1], 0.4)
+    doubts = pose_doubts(FusionInput(grid_0=grid, grid_1=grid, T_m0_r0=SE2.identity(), T_m1_r1=T_m1_r1))
+    assert [doubt[:7] for doubt in doubts] == ["robot 1"] * doubted
 
 
 def test_an_unlikely_detection_is_doubted():

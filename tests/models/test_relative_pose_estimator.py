@@ -69,7 +69,7 @@ def inside(uv_92: Array) -> bool:
 @pytest.mark.parametrize("looks", [1, 3])
 def test_a_robot_is_found_wherever_it_stands(floor, looks):
     rng, before, tried = np.random.default_rng(0), observation(), 0
-    while tried < 8:
+    while tried < 4:
         true = state(rng)
         estimator = replace(drawing(before, true), floor=floor, looks=looks)
         if not inside(estimator.uv_N92[0]):

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from rendezvous.config.load import load_config
 from rendezvous.errors import ConfigError
-from rendezvous.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, overlap
+from rendezvous.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from rendezvous.geometry.se2 import SE2
 from rendezvous.training.frame_error.augmentation import Augmentation, augmented
 from rendezvous.training.frame_error.clutter import draw_obstacles, with_obstacles
 from rendezvous.training.frame_error.defects import bent, beyond_line_unknown, ragged, specked, thickened
-from rendezvous.training.frame_error.pairs import PairTable
+from rendezvous.training.frame_error.pairs import MapPair, PairTable
 from rendezvous.training.frame_error.rescan import rescanned, with_spurious_rays
 
 from tests.conftest import ROOT
@@ -179,14 +179,34 @@ def test_nothing_remains_ahead_of_a_line():
     assert (cut.known()[room().known()] == behind).all()
 
 
-def test_cuts_lower_the_overlap_but_leave_a_strip(pairs: PairTable):
-    pair = max((pairs[index] for index in range(len(pairs))), key=lambda p: p.overlap)
-    settings = Augmentation(**(NOTHING | {"cut": 1.0}))
-    left = []
-    for seed in range(20):
-        changed = augmented(pair, settings, rng(seed))
-        left.append(overlap(changed.grid_0, changed.grid_1, changed.T_m0_m1))
-    assert 0.0 < np.mean(left) < 0.8 * pair.overlap
+@pytest.mark.parametrize("seed", range(12))
+def test_cuts_leave_a_strip_of_the_asked_width_around_the_meeting_point(seed: int):
+    cells = np.full((260, 260), FREE, np.uint8)
+    T_m0_m1 = SE2(1.0, -2.0, 0.7)
+    grids = [
+        OccupancyGrid(cells=cells, resolution_m=0.1, T_m_g=T_m @ SE2(-13.0, -13.0, 0.0))
+        for T_m in (SE2.identity(), T_m0_m1.inverse())
+    ]
+    pair = MapPair(
+        pair_id="",
+        grid_0=grids[0],
+        grid_1=grids[1],
+        T_m0_m1=T_m0_m1,
+        T_m1_r1=T_m0_m1.inverse() @ SE2(0.5, 0.3, 0.0),
+        overlap=1.0,
+    )
+    least_m, most_m = (1.0, 2.0)
+    cut = augmented(
+        pair, Augmentation(**(NOTHING | {"cut": 1.0, "cut_overlap_m": (least_m, most_m)})), rng(seed)
+    )
+    p_m0 = cut.grid_0.cell_centres(cut.grid_0.known())
+    both_m0 = p_m0[cut.grid_1.sample(T_m0_m1.inverse() @ p_m0) == FREE]
+    across = np.radians(np.arange(0.0, 180.0, 0.25))
+    width_m = np.ptp(both_m0 @ np.stack([np.cos(across), np.sin(across)]), axis=0).min()
+    assert least_m - 0.2 < width_m < most_m + 0.2
+    assert np.hypot(*(both_m0 - (0.5, 0.3)).T).min() < 0.15
+    for grid in (cut.grid_0, cut.grid_1):
+        assert 0.3 < grid.known().mean() < 0.7
 
 
 def test_things_stand_at_one_place_in_both_maps(pairs: PairTable):
