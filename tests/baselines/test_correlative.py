@@ -65,17 +65,22 @@ def test_walls_that_no_motion_brings_together_are_a_failure_that_says_so():
     assert "no motion in the range" in estimate.reason
 
 
-def test_evenly_spaced_walls_are_ambiguous():
+def striped() -> MapWindow:
+    """Walls at equal distances of 1.5 m, the same in both maps."""
     cells = np.zeros((2, 384, 384), np.uint8)
     cells[:, 40:344, 40:344] = FREE_CELL
     cells[:, 40:344:30, 40:344] = OCCUPIED_CELL
-    estimate = CorrelativeSearch()(MapWindow(cells=cells, cell_m=0.05))
+    return MapWindow(cells=cells, cell_m=0.05)
+
+
+def test_evenly_spaced_walls_are_ambiguous():
+    estimate = CorrelativeSearch()(striped())
     assert estimate.theta is not None
     assert estimate.ambiguous
 
 
 def test_it_is_ambiguous_from_the_ratio_of_its_second_peak_on():
-    search, window = CorrelativeSearch(), window_with(SE2(0.3, 0.2, 0.1))
+    search, window = CorrelativeSearch(), striped()
     scores = search.correlation(window)
     bounds = block_bounds(scores)
     best = best_cell(scores, bounds)
@@ -96,3 +101,10 @@ def test_it_agrees_with_the_registration_of_the_real_pair(real_data, seed: int):
     theta = SE2(*rng.uniform(-1.4, 1.4, 2), rng.uniform(-0.7, 0.7))
     estimate = CorrelativeSearch()(real_window(real_data, theta, turn_rad=rng.uniform(-3.0, 3.0)))
     assert_near(estimate.theta, theta, within_m=0.3, within_deg=3.0)
+
+
+def test_its_answer_is_what_it_was_when_it_was_measured():
+    estimate = CorrelativeSearch()(window_with(SE2(1.1, -0.6, 0.4), turn_rad=1.0))
+    assert estimate.theta.as_array() == pytest.approx([1.09911, -0.60837, 0.39924], abs=1e-4)
+    sigmas = np.sqrt(np.diag(estimate.covariance))
+    assert sigmas == pytest.approx([0.027366, 0.020494, 0.0076138], rel=1e-3)

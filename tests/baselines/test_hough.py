@@ -102,3 +102,8 @@ def test_everywhere_it_finds_the_heading_of_the_real_pair_but_for_a_half_turn(re
 def test_its_names_tell_the_two_apart():
     assert HoughSpectrum().name == "Hough spectrum"
     assert IN_RANGE.name == "Hough spectrum, in range"
+
+
+def test_its_answer_is_what_it_was_when_it_was_measured():
+    estimate = IN_RANGE(window_with(SE2(1.1, -0.6, 0.4), turn_rad=1.0))
+    assert estimate.theta.as_array() == approx([1.07343, -0.61052, 0.40143], abs=1e-4)

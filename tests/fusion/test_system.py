@@ -21,7 +21,7 @@ from rendezvous.geometry.se2 import SE2
 from rendezvous.models.matcher_estimator import MatcherEstimator
 from rendezvous.stages.weights.trained_estimators import load
 
-from tests.baselines.windows import cuts
+from tests.baselines.windows import cuts, window_with
 from tests.conftest import ROOT
 from tests.fusion.test_sighted_pose import pose_of, seen_at
 
@@ -232,3 +232,11 @@ def test_every_part_can_be_timed():
 
     fuse_maps(meeting(), SightedPose.given(T_R0_R1, FINE), None, part=part)
     assert entered == ["refine", "merge", "check"]
+
+
+def test_the_matchers_answer_is_what_it_was_when_it_was_measured(matcher: MatcherEstimator):
+    estimate = matcher(window_with(SE2(1.1, -0.6, 0.4), turn_rad=1.0))
+    assert estimate.theta.as_array() == pytest.approx([1.105708, -0.593062, 0.404966], abs=1e-4)
+    sigmas = np.sqrt(np.diag(estimate.covariance))
+    assert sigmas == pytest.approx([0.0103532, 0.0099676, 0.0051392], rel=3e-3)
+    assert not estimate.ambiguous

@@ -407,3 +407,9 @@ def test_a_config_that_makes_no_sense_is_refused():
 def test_windows_of_other_cells_are_refused():
     with pytest.raises(ConfigError, match=r"cells of 0\.1 m; this one takes cells of 0\.05 m"):
         MatcherEstimator(model=Matcher(MatcherConfig()))(window_of(THETA))
+
+
+def test_the_loss_of_fresh_weights_is_what_it_was():
+    torch.manual_seed(0)
+    _, parts = loss_of(Matcher(SMALL), batch_of(2))
+    assert parts == pytest.approx({"coarse": 8.95888, "fine": 9.92656, "true_mass": 0.53442}, rel=1e-4)

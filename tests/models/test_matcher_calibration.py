@@ -75,14 +75,14 @@ def test_a_posterior_is_made_as_sharp_as_the_truths_lie():
     sigma = np.array([0.05, 0.05, math.radians(1.0)])
     readings = [
         CalibrationPair(posterior=_normal(sigma), theta=SE2.from_array(0.5 * sigma * rng.normal(size=3)))
-        for _ in range(120)
+        for _ in range(300)
     ]
     found = fitted(readings)
     assert found.sharpness == pytest.approx(4.0, rel=0.3)
     assert found.least_mass < 0.95
     distance = np.array([_nees(found, reading) for reading in readings])
-    inside = ellipsoid_probability(distance, np.full(120, found.degrees_of_freedom))
-    assert (inside <= 0.5).mean() == pytest.approx(0.5, abs=0.08)
+    inside = ellipsoid_probability(distance, np.full(300, found.degrees_of_freedom))
+    assert (inside <= 0.5).mean() == pytest.approx(0.5, abs=0.06)
 
 
 def _normal(sigma: Array) -> RefinedPosterior:

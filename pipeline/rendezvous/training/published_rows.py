@@ -11,7 +11,6 @@ import pyarrow as pa
 from rendezvous.errors import StoreError
 from rendezvous.geometry.se2 import Array
 from rendezvous.store.digest import content_digest
-from rendezvous.store.disk import Disk
 from rendezvous.store.read import StageReader
 
 SPLIT_NAMES = ("train", "validation", "test")
@@ -58,7 +57,11 @@ def read_split(reader: StageReader, kind: str, split: str, *, columns: Sequence[
     """
     names = [shard.name for shard in reader.shards()]
     splits = {name: its_split for name in names if (its_split := _split_of(name, kind))}
-    tables = [_columns(reader, name, kind, columns) for name, its in splits.items() if its == split]
+    tables = [
+        reader.table(name, columns=columns).select(list(columns))
+        for name, its in splits.items()
+        if its == split
+    ]
     if sum(table.num_rows for table in tables) == 0:
         have = ", ".join(sorted(set(splits.values()))) or f"{len(names)} files without a split in their names"
         raise StoreError(
@@ -87,15 +90,3 @@ def _split_of(name: str, kind: str) -> str | None:
     """The split of a file; None if the file is not of this kind."""
     found = re.fullmatch(rf"{kind}/({'|'.join(SPLIT_NAMES)})-[0-9]+-of-[0-9]+\.parquet", name)
     return found[1] if found else None
-
-
-def _columns(reader: StageReader, name: str, kind: str, columns: Sequence[str]) -> pa.Table:
-    """These columns of one file, in that order."""
-    table = reader.table(name, columns=columns)
-    for column in columns:
-        if column not in table.column_names:
-            raise StoreError(
-                f"{Disk(reader.root).shown(name)}: has no column {column!r}; must be a file of {kind} as "
-                "`rendezvous pack` writes them"
-            )
-    return table.select(list(columns))

@@ -65,7 +65,7 @@ def test_a_file_without_a_column_is_told(published: Path, tmp_path: Path):
     shutil.copytree(published / "dataset", tmp_path / "dataset")
     path = next((tmp_path / "dataset" / "pairs").glob("train-*.parquet"))
     pq.write_table(pq.ParquetFile(path).read().drop_columns(["overlap"]), path)
-    with pytest.raises(StoreError, match=rf"^{path}: has no column 'overlap'; must be a file of pairs"):
+    with pytest.raises(StoreError, match=rf"^{path}: table pairs has no column 'overlap'"):
         read_pairs(reader_of(tmp_path), "train")
 
 

@@ -276,3 +276,40 @@ def test_a_split_that_shows_no_robot_is_told(poses: PoseTable):
 def test_wrong_settings_are_told(settings: dict, said: str):
     with pytest.raises(ConfigError, match=said):
         PoseSampling(**settings)
+
+
+@pytest.mark.parametrize(
+    ("share", "means", "deviation"),
+    [
+        ("patch_share", [140.38, 133.50, 125.48], 24.79),
+        ("blur_share", [111.15, 103.77, 94.64], 22.59),
+        ("grey_share", [105.25, 105.12, 107.38], 19.21),
+        ("noise_share", [111.40, 103.11, 97.25], 24.38),
+        ("jpeg_share", [112.62, 103.67, 97.78], 23.39),
+    ],
+)
+def test_inputs_are_augmented_as_they_were(share: str, means: list[float], deviation: float):
+    """As for the shipped weights, within what codecs and processors differ by."""
+    image = np.full((160, 160, 3), 100, np.uint8)
+    image[40:120, 60:100] = (220, 150, 80)
+    shares = dict.fromkeys(("patch_share", "blur_share", "grey_share", "noise_share", "jpeg_share"), 0.0)
+    parameters = ImageAugmentation(**(shares | {share: 1.0}))
+    box_px = np.array([[60.0, 40.0], [100.0, 120.0]])
+    found = augmented_image(image, box_px, parameters, np.random.default_rng(3)).astype(float)
+    assert found.mean(axis=(0, 1)) == pytest.approx(means, abs=0.3)
+    assert found.std() == pytest.approx(deviation, abs=0.3)
+
+
+@pytest.mark.parametrize(
+    ("draw", "scale", "offset_px"),
+    [
+        (draw_wide_look, 1.7209371, (-477.99215, -248.72123)),
+        (lambda size_px, *drawn: draw_close_look(*drawn), 1.9925590, (-574.59958, -390.49854)),
+        (draw_look_elsewhere, 2.6041648, (-771.40991, -1089.19704)),
+    ],
+)
+def test_looks_are_drawn_as_they_were(draw, scale: float, offset_px: tuple[float, float]):
+    front = np.array([[300.0, 200.0], [340.0, 200.0], [340.0, 260.0], [300.0, 260.0]])
+    uv_px = np.vstack([front, front + 10.0, [[325.0, 235.0]]])
+    look = draw((640, 480), uv_px, SAMPLING, np.random.default_rng(4))
+    assert (look.scale, *look.offset_px) == pytest.approx((scale, *offset_px), rel=1e-6)

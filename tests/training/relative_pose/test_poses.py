@@ -92,7 +92,7 @@ def test_a_file_without_a_column_is_told(published: Path, tmp_path: Path):
     shutil.copytree(published / "dataset", tmp_path / "dataset")
     path = next((tmp_path / "dataset" / "poses").glob("train-*.parquet"))
     pq.write_table(pq.read_table(path).drop_columns(["visibility"]), path)
-    with pytest.raises(StoreError, match=r"train-.*has no column 'visibility'; must be a file of poses"):
+    with pytest.raises(StoreError, match=r"train-.*: table poses has no column 'visibility'"):
         read_poses(reader_of(tmp_path), "train")
 
 
