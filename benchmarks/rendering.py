@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import argparse
-import json
+import multiprocessing
+import resource
+import statistics
 import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Callable, Iterable
+from concurrent.futures import ProcessPoolExecutor
 from itertools import islice
 from typing import Any
 
+import psutil
 from rendezvous.errors import FloorplanError
 from rendezvous.rendering.opengl.gl import renderer_name
 from rendezvous.rendering.opengl.renderer import Renderer
@@ -20,46 +25,20 @@ from rendezvous.stages.dataset import pictures
 from rendezvous.stages.dataset.photos import photo_folder
 from rendezvous.store.read import StageReader
 
+from benchmarks import stock_pyrender
 from benchmarks.clocks import Clocks
 from benchmarks.scene import ROOT, default_config, shipped_plans
 
 _WARM_UP = 8
-_ONE_OF_TWO = """
-import json, sys
-from benchmarks import rendering
-setting, images = rendering.default_setting(), int(sys.argv[2])
-rendering.take(setting, int(sys.argv[1]), rendering._WARM_UP)
-print("ready", flush=True)
-sys.stdin.readline()
-print(json.dumps(rendering.take(setting, int(sys.argv[1]) + rendering._WARM_UP, images)))
-"""
-_MANY = """
-import json, resource, sys
-import psutil
-from benchmarks import rendering
-setting, images, samples = rendering.default_setting(), int(sys.argv[1]), []
-for tenth in range(10):
-    rendering.take(setting, tenth * images // 10, images // 10)
-    samples.append(round(psutil.Process().memory_info().rss / 2**20, 1))
-peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**10
-print(json.dumps({"images": images, "rss_mib_each_tenth": samples, "peak_rss_mib": round(peak, 1)}))
-"""
-
-
-_STOCK = """
-import json, statistics, sys, time
-from benchmarks import rendering, stock_pyrender
-setting = rendering.default_setting()
-scenes, ours_s = rendering.scenes(setting, int(sys.argv[1])), []
-for scene in scenes:
-    started_s = time.perf_counter()
-    setting.studio()._renderer.render(scene)
-    ours_s.append(time.perf_counter() - started_s)
-ours = statistics.median(ours_s[len(scenes) // 3:])
-stock = stock_pyrender.seconds_per_image(setting, scenes)
-print(json.dumps({"ours_ms": round(1e3 * ours, 1), "stock_ms": round(1e3 * stock, 1),
-                  "times_faster": round(stock / ours, 2)}))
-"""
+_PARTS = (
+    (pictures, "furnish", "furnishing"),
+    (pictures, "furnished_plan", "furnishing"),
+    (pictures, "_drawn_pose", "drawing at random"),
+    (Renderer, "render", "image and ids"),
+    (Renderer, "robot_view", "visibility"),
+    (sys.modules["rendezvous.rendering.studio"], "apply_effects", "camera effects"),
+    (pictures, "_encoded", "encoding"),
+)
 
 
 def measure(options: argparse.Namespace) -> dict[str, Any]:
@@ -71,20 +50,23 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
         started_s = time.perf_counter()
         take(setting, _WARM_UP, options.images)
         shares = clocks.shares(time.perf_counter() - started_s)
+    two = _in_processes(_rate, [(1000 * i, options.images) for i in range(2)])
+    (beside_stock,) = _in_processes(_beside_stock_pyrender, [(24,)])
+    (memory,) = _in_processes(_memory, [(options.memory_images,)])
     return {
         "renderer": renderer_name(),
         "shadow_share": setting.section.draws.shadow_share,
         "poses_one_worker": one,
-        "poses_two_workers_images_per_s": _two_workers(options.images),
+        "poses_two_workers_images_per_s": round(sum(two), 1),
         "share_of_time": shares,
         "sightings": _sightings(),
-        "image_and_ids_beside_stock_pyrender": _in_a_process(_STOCK, "24"),
-        "memory": _in_a_process(_MANY, str(options.memory_images)),
+        "image_and_ids_beside_stock_pyrender": beside_stock,
+        "memory": memory,
     }
 
 
 def default_setting() -> pictures.Setting:
-    """That of the default preset."""
+    """The setting of the default preset."""
     config = default_config()
     section, robot = config.render, config.explore.robot
     return pictures.Setting(seed=config.seed, robot=robot, section=section, photos=photo_folder(None))
@@ -112,59 +94,63 @@ def take(setting: pictures.Setting, first: int, count: int) -> dict[str, Any]:
     }
 
 
-def scenes(setting: pictures.Setting, count: int) -> list[Scene]:
+def _in_processes(function: Callable[..., Any], calls: list[tuple[int, ...]]) -> list[Any]:
+    """Results of calls made at once, each in a new process."""
+    spawn = multiprocessing.get_context("spawn")
+    barrier = spawn.Barrier(len(calls))
+    with ProcessPoolExecutor(len(calls), spawn, _wait_for, (barrier,)) as workers:
+        return [done.result() for done in [workers.submit(function, *call) for call in calls]]
+
+
+def _wait_for(barrier: Any) -> None:
+    """Warm up, then wait until all workers are ready."""
+    take(default_setting(), 0, _WARM_UP)
+    barrier.wait()
+
+
+def _rate(first: int, count: int) -> float:
+    return float(take(default_setting(), first + _WARM_UP, count)["images_per_s"])
+
+
+def _memory(images: int) -> dict[str, Any]:
+    samples = []
+    for tenth in range(10):
+        take(default_setting(), tenth * images // 10, images // 10)
+        samples.append(round(psutil.Process().memory_info().rss / 2**20, 1))
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**10
+    return {"images": images, "rss_mib_each_tenth": samples, "peak_rss_mib": round(peak, 1)}
+
+
+def _beside_stock_pyrender(count: int) -> dict[str, float]:
+    setting = default_setting()
+    scenes = list(_scenes(setting, count))
+    ours_s = []
+    for scene in scenes:
+        started_s = time.perf_counter()
+        setting.studio()._renderer.render(scene)
+        ours_s.append(time.perf_counter() - started_s)
+    ours = statistics.median(ours_s[count // 3 :])
+    stock = stock_pyrender.seconds_per_image(setting, scenes)
+    times = {"ours_ms": round(1e3 * ours, 1), "stock_ms": round(1e3 * stock, 1)}
+    return {**times, "times_faster": round(stock / ours, 2)}
+
+
+def _scenes(setting: pictures.Setting, count: int) -> Iterable[Scene]:
     """Plausible scenes, one for each of the shipped plans in turn."""
     plans, height_m = shipped_plans(), default_config().meshes.wall_height_m
-    found = []
     for number in range(count):
-        plan = plans[number % len(plans)]
-        _, place = next(iter(pictures._furnished(setting, plan, height_m)))
-        found.append(pictures._drawn_pose(setting, place, "plausible", stream(0, "bench", number)).scene)
-    return found
-
-
-_PARTS = (
-    (pictures, "furnish", "furnishing"),
-    (pictures, "furnished_plan", "furnishing"),
-    (pictures, "_drawn_pose", "drawing at random"),
-    (Renderer, "render", "image and ids"),
-    (Renderer, "robot_view", "visibility"),
-    (sys.modules["rendezvous.rendering.studio"], "apply_effects", "camera effects"),
-    (pictures, "_encoded", "encoding"),
-)
-
-
-def _two_workers(images: int) -> float:
-    """Both at once, started together when both are warm."""
-    command = [sys.executable, "-c", _ONE_OF_TWO]
-    workers = [
-        subprocess.Popen(
-            [*command, str(1000 * i), str(images)],
-            cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
-        )
-        for i in range(2)
-    ]  # fmt: skip
-    for worker in workers:
-        assert worker.stdout is not None
-        worker.stdout.readline()
-    results = []
-    for worker in workers:
-        assert worker.stdin is not None
-        worker.stdin.write("go\n")
-        worker.stdin.flush()
-    for worker in workers:
-        out, _ = worker.communicate()
-        results.append(json.loads(out))
-    return round(sum(result["images_per_s"] for result in results), 1)
+        _, place = next(iter(pictures._furnished(setting, plans[number % len(plans)], height_m)))
+        yield pictures._drawn_pose(setting, place, "plausible", stream(0, "bench", number)).scene
 
 
 def _sightings() -> dict[str, Any]:
     """Pictures of the sightings that `explore` has on three of the shipped plans."""
     files = ", ".join(f"floorplans/rdv-{number:03d}.json" for number in (0, 2, 8))
+    few = ["--set", f"floorplans.sources=[{files}]", "--set", "floorplans.generate.count=0"]
     with tempfile.TemporaryDirectory() as data:
         for stage in ("floorplans", "meshes", "explore"):
-            few = ["--set", f"floorplans.sources=[{files}]", "--set", "floorplans.generate.count=0"]
-            _run([stage, "--data", data, *few])
+            command = [sys.executable, "-m", "rendezvous.cli", stage, "--data", data, *few]
+            subprocess.run(command, cwd=ROOT, check=True, stderr=subprocess.DEVNULL)
         meshes, explore = StageReader(f"{data}/meshes"), StageReader(f"{data}/explore")
         items = list(explore.items())
         walls = {item.item_id: item for item in meshes.items()}
@@ -175,14 +161,3 @@ def _sightings() -> dict[str, Any]:
         elapsed_s = time.perf_counter() - started_s
     images = shard.table.num_rows
     return {"images": images, "images_per_s_one_worker": round(images / elapsed_s, 2)}
-
-
-def _run(arguments: list[str]) -> None:
-    command = [sys.executable, "-m", "rendezvous.cli", *arguments]
-    subprocess.run(command, cwd=ROOT, check=True, stderr=subprocess.DEVNULL)
-
-
-def _in_a_process(code: str, *arguments: str) -> dict[str, Any]:
-    command = [sys.executable, "-c", code, *arguments]
-    done = subprocess.run(command, cwd=ROOT, check=True, stdout=subprocess.PIPE, text=True)
-    return dict(json.loads(done.stdout))
