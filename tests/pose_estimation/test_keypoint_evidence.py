@@ -36,6 +36,14 @@ def test_a_density_is_one_over_the_look():
     assert density.sum(axis=0) == pytest.approx(np.ones(9), abs=0.01)
 
 
+def test_several_looks_count_as_one():
+    found = [(LOOK, peaks(0.6, 0.3))]
+    uv = np.repeat(LOOK.to_image(np.array([[32.0, 40.0]])), 9, axis=0)[None]
+    once, twice = (evidence_of(found * n, sigma_cells=1.0, noise=KeypointNoise()) for n in (1, 2))
+    assert once.log_likelihood(uv) > 1.0
+    assert twice.log_likelihood(uv) == pytest.approx(once.log_likelihood(uv))
+
+
 def test_a_peak_s_share_is_its_probability_near_it_and_none_elsewhere():
     evidence = evidence_of([(LOOK, peaks(0.6, 0.3))], sigma_cells=1.0, noise=KeypointNoise())
     first, second, away = (

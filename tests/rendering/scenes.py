@@ -34,7 +34,15 @@ def pool() -> MeshPool:
         "robot": (upper, lower),
         "painted": (painted(),),
         "poster": (poster(),),
+        "coloured": (coloured(),),
     }
+
+
+def coloured() -> trimesh.Trimesh:
+    """A square whose vertices are middle grey."""
+    square = plan_meshes()["quad"][0].copy()
+    square.visual.vertex_colors = np.full((4, 4), (128, 128, 128, 255), np.uint8)
+    return square
 
 
 def painted() -> trimesh.Trimesh:

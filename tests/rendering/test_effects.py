@@ -15,9 +15,11 @@ from rendezvous.rendering.effects import (
     CameraEffects,
     apply_effects,
     draw_effects,
+    exposure_gain,
     motion_kernel,
     normal_of,
     sensor_noise,
+    tone_curve,
 )
 
 SHAPE = (120, 160, 3)
@@ -107,6 +109,37 @@ def test_darkness_has_read_noise_only_and_light_has_more():
 def test_automatic_exposure_brings_dim_and_bright_scenes_together():
     dim, bright = (apply_effects(np.full(SHAPE, v, np.uint8), CameraEffects()).mean() for v in (80, 190))
     assert bright == pytest.approx(dim, abs=3.0)
+
+
+def test_automatic_exposure_changes_brightness_by_at_most_three():
+    dark, bright = (exposure_gain(np.full(SHAPE, v, np.float32), CameraEffects()) for v in (0.001, 1.0))
+    assert (dark, bright) == (pytest.approx(3.0), pytest.approx(1.0 / 3.0))
+    assert exposure_gain(np.full(SHAPE, 0.2, np.float32), CameraEffects()) == pytest.approx(1.2)
+
+
+def test_contrast_turns_the_tone_curve_about_middle_grey():
+    plain, steep = tone_curve(1.0).astype(int), tone_curve(1.2).astype(int)
+    for code, changed in ((128, 128), (178, 188), (78, 68), (250, 255)):
+        assert np.unique(steep[plain == code]) == pytest.approx([changed], abs=0.5)
+
+
+def test_without_saturation_colours_become_grey_and_keep_their_luminance():
+    coloured = np.full(SHAPE, (200, 80, 40), np.uint8)
+    grey = apply_effects(coloured, CameraEffects(saturation=0.0))
+    assert np.ptp(grey, axis=2).max() == 0
+    luminances = [
+        (linear_from_srgb(i[0, 0] / 255.0) * LUMINANCE).sum()
+        for i in (grey, apply_effects(coloured, CameraEffects()))
+    ]
+    assert luminances[0] == pytest.approx(luminances[1], rel=0.03)
+
+
+@pytest.mark.parametrize("light_k", [2700.0, 8000.0])
+def test_white_balance_follows_the_light_part_of_the_way(light_k: float):
+    rng = np.random.default_rng(6)
+    mired = [1e6 / draw_effects(rng, light_k=light_k).balance_k for _ in range(200)]
+    # Normal with a standard deviation of 14.
+    assert np.mean(mired) == pytest.approx(0.6e6 / light_k + 0.4e6 / 6504.0, abs=5.0)
 
 
 def test_a_stop_doubles_the_light():

@@ -48,9 +48,12 @@ def test_poses_are_rigid_in_range_and_in_or_near_the_image():
 
 def test_most_robots_stand_up_in_the_image_and_some_lie_in_any_way():
     rng = np.random.default_rng(1)
-    up_w = np.array([draw_pose(rng, BURGER, CAMERA, DRAWS)[2, 2] for _ in range(400)])
+    poses = np.array([draw_pose(rng, BURGER, CAMERA, DRAWS) for _ in range(400)])
+    up_w = poses[:, 2, 2]
     assert 0.75 < (up_w > 0.5).mean() < 0.9
     assert (up_w < 0.0).mean() > 0.05
+    # The camera looks along x: those that stand are seen from above.
+    assert (poses[up_w > 0.5, 0, 2] < 0.1).mean() > 0.85
 
 
 def test_things_are_apart_from_the_robot_and_the_camera():

@@ -8,9 +8,17 @@ from rendezvous.floorplan.records import Shape, Solid
 from rendezvous.floorplan.walls import wall_boxes
 from rendezvous.geometry.camera import camera_pose, se3_from_se2
 from rendezvous.geometry.se2 import SE2
+from rendezvous.rendering.appearance.materials import is_second
 from rendezvous.rendering.opengl.renderer import Renderer
-from rendezvous.rendering.plan_scene import plan_instances, plan_meshes, solid_instance
+from rendezvous.rendering.plan_scene import (
+    draw_room_looks,
+    plan_instances,
+    plan_meshes,
+    room_instances,
+    solid_instance,
+)
 from rendezvous.rendering.scene import Material, Scene
+from rendezvous.rendering.viewpoints import furnished_plan
 from rendezvous.seeds import stream
 
 from tests.floorplan.plans import RADIUS_M, TWO_ROOMS, generated, plan_of
@@ -54,6 +62,24 @@ def test_a_furnished_plan_has_each_wall_and_each_solid_once():
     assert len(instances) == 2 + len(wall_boxes(plan, height_m=HEIGHT_M)) + len(furniture)
     walls = [instance for instance in instances if instance.name.startswith("wall/")]
     assert {wall.material for wall in walls} == {WHITE}
+
+
+def test_one_wall_in_seven_differs_and_furniture_wears_its_own_materials():
+    plan = generated(3)
+    place = furnished_plan(
+        plan, furnish(plan, stream(0, "looks"), density=1.0, robot_radius_m=RADIUS_M), wall_height_m=HEIGHT_M
+    )
+    looks = draw_room_looks(np.random.default_rng(0), place, variants=2)
+    instances = {instance.name: instance for instance in room_instances(place, looks)}
+    walls = [instance.material for name, instance in instances.items() if name.startswith("wall/")]
+    accents = [i for i, material in enumerate(walls) if material == looks.accent]
+    assert accents == list(looks.accent_faces)
+    assert 0.02 < len(accents) / len(walls) < 0.35
+    assert {walls[i] for i in range(len(walls)) if i not in accents} == {looks.wall}
+    assert (instances["floor"].material, instances["ceiling"].material) == (looks.floor, looks.ceiling)
+    for i, solid in enumerate(place.furniture):
+        material = instances[f"{solid.item:03d}-{solid.category}/{i:04d}"].material
+        assert material == looks.pieces[solid.item][is_second(solid)]
 
 
 def room(**fields: object) -> Scene:

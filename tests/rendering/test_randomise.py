@@ -1,6 +1,7 @@
 """Laws of what is drawn: on the floor, in range, repeatable, recorded."""
 
 import json
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -9,6 +10,7 @@ import shapely
 import trimesh
 from rendezvous.errors import FloorplanError
 from rendezvous.floorplan.furnish import furnish
+from rendezvous.floorplan.records import Shape, Solid
 from rendezvous.geometry.camera import camera_pose, se3_from_se2
 from rendezvous.geometry.se2 import SE2
 from rendezvous.rendering.appearance.textures import KINDS, texture_key
@@ -22,7 +24,7 @@ from rendezvous.rendering.randomise import (
     robot_looks,
     room_scene,
 )
-from rendezvous.rendering.scene import Material
+from rendezvous.rendering.scene import LightKind, Material
 from rendezvous.rendering.thing_meshes import thing_meshes
 from rendezvous.rendering.viewpoints import draw_robot_poses, furnished_plan
 from rendezvous.robot_file import load_robot
@@ -191,14 +193,64 @@ def test_a_plan_too_small_for_two_robots_is_refused():
         draw_robot_poses(np.random.default_rng(0), closet, BURGER, BURGER, DRAWS, absent=False)
 
 
-def test_a_wall_between_the_robots_is_never_drawn():
-    plan = plan_of([[0, 0], [1.9, 0], [1.9, 3.6], [2.1, 3.6], [2.1, 0], [4, 0], [4, 4], [0, 4]], plan_id="u")
-    place, rng = furnished_plan(plan, (), wall_height_m=2.5), np.random.default_rng(0)
-    for _ in range(40):
-        meeting = draw_robot_poses(rng, place, BURGER, BURGER, DRAWS, absent=False)
-        ends_m = np.stack([pose.as_array()[:2] for pose in (meeting.T_w_r0, meeting.T_w_r1)])
-        reach = shapely.LineString(ends_m).intersection(plan.free_space().buffer(0.12)).length
+def _cupboard(half_x_m):
+    return Solid(
+        shape=Shape.BOX, x_m=2.0, y_m=1.8, yaw_rad=0.0, half_x_m=half_x_m, half_y_m=1.8, z0_m=0.0, z1_m=2.0,
+        category="wardrobe", item=0,
+    )  # fmt: skip
+
+
+U_SHAPE = [[0, 0], [1.9, 0], [1.9, 3.6], [2.1, 3.6], [2.1, 0], [4, 0], [4, 4], [0, 4]]
+SQUARE = [[0, 0], [4, 0], [4, 4], [0, 4]]
+
+
+@pytest.mark.parametrize(("outline", "furniture"), [(U_SHAPE, ()), (SQUARE, (_cupboard(0.1),))])
+def test_neither_a_wall_nor_a_cupboard_stands_between_the_robots(outline, furniture):
+    place, rng = furnished_plan(plan_of(outline), furniture, wall_height_m=2.5), np.random.default_rng(0)
+    for _ in range(30):
+        poses = draw_robot_poses(rng, place, BURGER, BURGER, DRAWS, absent=False)
+        ends_m = np.stack([pose.as_array()[:2] for pose in (poses.T_w_r0, poses.T_w_r1)])
+        reach = shapely.LineString(ends_m).intersection(place.clear.buffer(0.12)).length
         assert reach == pytest.approx(np.linalg.norm(ends_m[1] - ends_m[0]), abs=0.1)
+
+
+def test_a_camera_beside_the_middle_has_the_robot_in_its_image_all_the_same():
+    aside = replace(BURGER, camera=replace(BURGER.camera, xyz_m=(0.1, 0.5, 0.12)))
+    rng, intrinsics = np.random.default_rng(2), aside.camera.intrinsics()
+    for _ in range(20):
+        poses = draw_robot_poses(rng, _two_rooms(), aside, BURGER, DRAWS, absent=False)
+        T_w_c = se3_from_se2(poses.T_w_r0) @ aside.camera.T_r_c()
+        T_w_o = se3_from_se2(poses.T_w_r1) @ BURGER.cuboid.T_r_o()
+        p_c = (np.linalg.inv(T_w_c) @ T_w_o)[:3, 3]
+        assert DRAWS.min_range_m <= np.linalg.norm(p_c) <= DRAWS.max_range_m
+        margin_px = 0.4 * BURGER.size_m[1] * intrinsics.fx_px / p_c[2]
+        assert -margin_px < intrinsics.project(p_c[None])[0, 0] < intrinsics.width_px + margin_px
+
+
+def test_lamps_hang_in_front_of_the_camera():
+    ahead = []
+    for T_w_c, lights in ((_drawn(seed).scene.T_w_c, _drawn(seed).scene.lights) for seed in SEEDS):
+        hanging = [light.T_w[:2, 3] for light in lights if light.kind is not LightKind.DIRECTIONAL]
+        ahead += [(xy_m - T_w_c[:2, 3]) @ T_w_c[:2, 2] for xy_m in hanging]
+    assert len(ahead) > 10
+    assert min(ahead) > -1e-9
+
+
+def test_what_occludes_stands_between_the_camera_and_the_robot():
+    always = replace(DRAWS, occluded_share=1.0, absent_share=0.0, min_range_m=2.0)
+    gaps_m = []
+    for i in range(8):
+        rng = np.random.default_rng([8, i])
+        record = draw_plausible(rng, _two_rooms(), LOOKS, BURGER, always, variants=1).record
+        ends_m = np.array(
+            [[record["meeting"][r]["x_m"], record["meeting"][r]["y_m"]] for r in ("T_w_r0", "T_w_r1")]
+        )
+        sight = shapely.LineString(ends_m)
+        first = record["things"][0]
+        gap_m = sight.distance(shapely.Point(np.array(first["T_w_t"])[:2, 3])) - first["thing"]["radius_m"]
+        gaps_m.append(gap_m)
+    # Off the line by at most nine tenths of half the robot's width; some have no place there.
+    assert np.median(gaps_m) < 0.45 * BURGER.size_m[1]
 
 
 def test_a_view_with_known_poses_has_the_robot_there():

@@ -17,13 +17,13 @@ def _free(seed, *, shadow):
 
 
 @pytest.mark.parametrize("draw", [_room, _free])
-@pytest.mark.parametrize("seed", range(30))
+@pytest.mark.parametrize("seed", range(12))
 def test_one_lamp_throws_shadows_if_asked_and_none_else(draw, seed):
     assert sum(lamp.casts_shadow for lamp in draw(seed, shadow=True).lamps) == 1
     assert sum(lamp.casts_shadow for lamp in draw(seed, shadow=False).lamps) == 0
 
 
-@pytest.mark.parametrize("seed", range(30))
+@pytest.mark.parametrize("seed", range(12))
 def test_lamps_of_a_room_hang_under_its_ceiling_and_shine_down(seed):
     lighting = _room(seed, shadow=seed % 2 == 0)
     for lamp in lighting.lamps:
@@ -31,7 +31,21 @@ def test_lamps_of_a_room_hang_under_its_ceiling_and_shine_down(seed):
         if lamp.kind is not LightKind.DIRECTIONAL:
             assert 1.8 < lamp.xyz_m[2] < 2.5
             assert np.linalg.norm(PLACES_M - lamp.xyz_m[:2], axis=1).min() == 0.0
+            assert lamp.reach_m == lamp.xyz_m[2]
     assert 0.0 < min(lighting.ambient_rgb) <= max(lighting.ambient_rgb) < 1.0
+
+
+@pytest.mark.parametrize(("draw", "brightest"), [(_room, 1.1), (_free, 1.4)])
+def test_the_lamps_of_a_scene_share_its_brightness(draw, brightest):
+    totals = []
+    for lighting in (draw(seed, shadow=False) for seed in range(60)):
+        lamps = [lamp for lamp in lighting.lamps if draw is _free or lamp.kind is not LightKind.DIRECTIONAL]
+        totals.append(sum(lamp.brightness for lamp in lamps))
+        # The sun adds its own.
+        assert len(lamps) >= len(lighting.lamps) - 1
+        assert all(lamp.reach_m == 1.0 for lamp in lighting.lamps if lamp.kind is LightKind.DIRECTIONAL)
+    assert 0.35 <= min(totals) < 0.45
+    assert 0.85 * brightest < max(totals) <= brightest
 
 
 @pytest.mark.parametrize("aim", [(0.0, 0.0, -1.0), (1.0, 0.0, 0.0), (0.6, 0.0, 0.8), (-0.36, 0.48, -0.8)])

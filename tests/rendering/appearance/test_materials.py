@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from rendezvous.floorplan.furnish import furnish
+from rendezvous.floorplan.records import Shape, Solid
 from rendezvous.rendering.appearance import materials
 from rendezvous.rendering.appearance.textures import KINDS, texture_key
 from rendezvous.rendering.scene import Material
@@ -53,6 +54,30 @@ def test_a_piece_has_one_material_for_its_body():
     body, second = next(pieces[solid.item] for solid in furniture if solid.category == "plant")
     assert second.base_colour_rgb[1] == max(second.base_colour_rgb)
     assert body != second
+
+
+@pytest.mark.parametrize(
+    ("category", "shape", "half_y_m", "z0_m", "z1_m", "second"),
+    [
+        ("table", Shape.BOX, 0.4, 0.7, 0.75, False),
+        ("table", Shape.CYLINDER, 0.03, 0.0, 0.7, True),
+        ("table", Shape.CYLINDER, 0.3, 0.0, 0.7, False),
+        ("pole", Shape.CYLINDER, 0.03, 0.0, 2.0, False),
+        ("bed", Shape.BOX, 0.05, 0.0, 0.8, True),
+        ("bed", Shape.BOX, 0.5, 0.0, 1.0, True),
+        ("bed", Shape.BOX, 0.5, 0.0, 0.5, False),
+        ("plant", Shape.CYLINDER, 0.2, 0.0, 0.3, False),
+        ("plant", Shape.CYLINDER, 0.2, 0.3, 1.0, True),
+    ],
+)
+def test_legs_headboards_and_leaves_have_a_material_of_their_own(
+    category, shape, half_y_m, z0_m, z1_m, second
+):
+    solid = Solid(
+        shape=shape, x_m=0.0, y_m=0.0, yaw_rad=0.0, half_x_m=half_y_m, half_y_m=half_y_m,
+        z0_m=z0_m, z1_m=z1_m, category=category, item=0,
+    )  # fmt: skip
+    assert materials.is_second(solid) == second
 
 
 def test_wear_is_bounded_and_no_wear_changes_nothing():

@@ -191,6 +191,9 @@ def test_the_ground_is_darker_under_a_robot_that_stands_on_it(
     )
     u_px, v_px = np.round(projected(np.array([[0.59, 0.0, 0.0]]), facing_x())[0]).astype(int)
     assert (rgb[v_px, u_px] < plain[v_px, u_px] - 5) == darker
+    # Not so a robot's width away.
+    u_px, v_px = np.round(projected(np.array([[0.55, 0.0, 0.0]]), facing_x())[0]).astype(int)
+    assert rgb[v_px, u_px] == plain[v_px, u_px]
     assert (rgb <= plain).all()
 
 
@@ -216,6 +219,16 @@ def test_a_mesh_without_a_material_given_wears_its_own_colour(renderer: Renderer
     red, green, blue = pixel**2.2
     sheen = blue  # of a dielectric, the same in all channels
     assert (green - sheen) / (red - sheen) == pytest.approx(0.2, abs=0.02)
+
+
+def test_colours_of_vertices_are_srgb(renderer: Renderer):
+    look = {"T_w_c": looking_down(height_m=1.0)}
+    half = Material(base_colour_rgb=3 * ((128.0 / 255.0) ** 2.2,))
+    coloured, plain = (
+        renderer.render(scene_of(placed(mesh, (0.0, 0.0, 0.0), material=material), **look)).rgb[72, 100, 0]
+        for mesh, material in (("coloured", None), ("quad", half))
+    )
+    assert int(coloured) == pytest.approx(int(plain), abs=1)
 
 
 def test_a_mesh_with_uvs_and_a_picture_of_its_own_shows_it_once(renderer: Renderer):
