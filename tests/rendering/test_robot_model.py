@@ -169,8 +169,9 @@ max_turn_rate_radps: 2.0
 chassis: {radius_m: 0.12, centre_x_m: 0.0, bottom_z_m: 0.02, top_z_m: 0.12}
 wheels: {radius_m: 0.05, width_m: 0.02, track_m: 0.20, mass_kg: 0.1}
 caster: {x_m: -0.12, radius_m: 0.01}
-lidar: {x_m: 0.0, z_m: 0.18, cap_radius_m: 0.03, beams: 180, rate_hz: 5.0, range_min_m: 0.1, range_max_m: 4.0, \
-no_echo_free_m: 3.0, noise: {sigma_m: 0.01, sigma_ratio: 0.01, step_m: 0.001, dropout: 0.01}}
+lidar: {x_m: 0.0, z_m: 0.18, cap_radius_m: 0.03, beams: 180, rate_hz: 5.0, range_min_m: 0.1, \
+range_max_m: 4.0, no_echo_free_m: 3.0, \
+noise: {sigma_m: 0.01, sigma_ratio: 0.01, step_m: 0.001, dropout: 0.01}}
 camera: {xyz_m: [0.15, 0.0, 0.1], rpy_rad: [0.0, 0.0, 0.0], fx_px: 300.0, fy_px: 300.0, cx_px: 159.5, \
 cy_px: 119.5, width_px: 320, height_px: 240}
 cuboid: {size_m: [0.30, 0.24, 0.20], centre_m: [0.0, 0.0, 0.10]}
