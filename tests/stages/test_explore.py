@@ -4,6 +4,7 @@ from importlib import import_module
 from pathlib import Path
 
 import pytest
+from rendezvous.engine.run import Run
 from rendezvous.errors import FloorplanError
 from rendezvous.exploration.records import Episode
 from rendezvous.exploration.starts import draw_starts
@@ -15,7 +16,7 @@ from rendezvous.stages.explore import explore
 from rendezvous.stages.floorplans import floorplans
 from rendezvous.stages.meshes import meshes
 
-from tests.conftest import MakeRun
+from tests.conftest import MakeRun, run_in
 
 ONE_PLAN = (
     "floorplans.sources=[floorplans/rdv-008.json]",
@@ -32,9 +33,18 @@ def prepared(make_run: MakeRun, *overrides: str):
     return run
 
 
-def test_counts_add_up_and_each_sighting_is_a_row(make_run: MakeRun) -> None:
-    run = prepared(make_run)
-    counts = explore(run).counts()
+@pytest.fixture(scope="module")
+def explored(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    """A run that has explored a plan twice."""
+    run = run_in(str(tmp_path_factory.mktemp("explored")), ONE_PLAN)
+    for stage in (floorplans, meshes, explore):
+        stage(run)
+    return run
+
+
+def test_counts_add_up_and_each_sighting_is_a_row(explored: Run) -> None:
+    run = explored
+    counts = run.read("explore").manifest().counts()
     table = run.read("explore").table("part-00000.parquet")
     rows = EXPLORE.rows(table)
     assert counts["episodes"] + counts["episodes_left_out"] == 2
@@ -45,10 +55,10 @@ def test_counts_add_up_and_each_sighting_is_a_row(make_run: MakeRun) -> None:
     assert all(row["furniture"] for row in rows)
 
 
-def test_more_episodes_leave_the_first_ones_as_they_were(make_run: MakeRun) -> None:
-    few, many = prepared(make_run), prepared(make_run, "explore.episodes_per_plan=3")
-    explore(few)
-    before = {row["pair_id"]: row["map_0"] for row in few.read("explore").rows()}
+def test_more_episodes_leave_the_first_ones_as_they_were(explored: Run, make_run: MakeRun) -> None:
+    many = prepared(make_run, "explore.episodes_per_plan=3")
+    before = {row["pair_id"]: row["map_0"] for row in explored.read("explore").rows()}
+    assert before
     explore(many)
     after = {row["pair_id"]: row["map_0"] for row in many.read("explore").rows()}
     assert before.items() <= after.items()

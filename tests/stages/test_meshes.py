@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import shutil
 from importlib import import_module
 from pathlib import Path
 
@@ -21,7 +22,7 @@ from rendezvous.seeds import stream
 from rendezvous.stages.floorplans import floorplans
 from rendezvous.stages.meshes import meshes
 
-from tests.conftest import ROOT, MakeRun
+from tests.conftest import ROOT, MakeRun, run_in
 
 SMALL = [
     "floorplans.sources=[]",
@@ -31,13 +32,21 @@ SMALL = [
 ]
 
 
+@pytest.fixture(scope="module")
+def raised(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A data folder with four small plans, raised."""
+    data = tmp_path_factory.mktemp("raised")
+    run = run_in(str(data), SMALL)
+    floorplans(run)
+    meshes(run)
+    return data
+
+
 @pytest.fixture
-def run(make_run: MakeRun) -> Run:
-    """A run that has raised four small plans."""
-    made = make_run(SMALL)
-    floorplans(made)
-    meshes(made)
-    return made
+def run(raised: Path, tmp_path: Path) -> Run:
+    """A run that has raised them; each test has a copy."""
+    shutil.copytree(raised, tmp_path / "data")
+    return run_in(str(tmp_path / "data"), SMALL)
 
 
 def said(run: Run) -> str:

@@ -15,7 +15,6 @@ import pytest
 import torch
 from rendezvous.cli.__main__ import app
 from rendezvous.errors import ConfigError, PipelineError, StoreError
-from rendezvous.stages.pack import pack
 from rendezvous.stages.train import train
 from rendezvous.stages.training.train_record import CHECKPOINT, CURVE, WEIGHTS
 from rendezvous.store.disk import Disk
@@ -26,7 +25,6 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 from typer.testing import CliRunner
 
 from tests.conftest import ROOT, run_in, wait_until
-from tests.synthetic_dataset import explored, synthetic_run
 
 SMALL = {"cells": 48, "width": 16, "depth": 1, "heads": 2}
 SETS = (
@@ -38,14 +36,6 @@ SETS = (
     "train.samples=32",
     "train.validations=4",
 )
-
-
-@pytest.fixture(scope="module")
-def data(tmp_path_factory) -> Path:
-    folder = tmp_path_factory.mktemp("published")
-    explored(folder)
-    pack(synthetic_run(folder, "pack.validation_fraction=0.1", "pack.test_fraction=0.1"))
-    return folder
 
 
 def trained(data: Path, out: Path, *overrides: str, resume: bool = False) -> str:

@@ -44,14 +44,6 @@ def _one_thread():
     torch.set_num_threads(1)
 
 
-@pytest.fixture(scope="module")
-def data(tmp_path_factory) -> Path:
-    folder = tmp_path_factory.mktemp("published")
-    explored(folder)
-    pack(synthetic_run(folder, "pack.validation_fraction=0.1", "pack.test_fraction=0.1"))
-    return folder
-
-
 def trained(data: Path, out: Path, *overrides: str, resume: bool = False) -> str:
     """Train; what was said."""
     run = run_in(str(data), (*SETS, *overrides))
