@@ -1,4 +1,4 @@
-"""Time per pair of every baseline, on meetings in shipped plans; the search beside its exhaustive twins."""
+"""Time per pair of each baseline on sightings in shipped plans; the search beside exhaustive ones."""
 
 from __future__ import annotations
 
@@ -39,8 +39,8 @@ Cell = tuple[int, int, int]
 
 
 def measure(options: argparse.Namespace) -> dict[str, Any]:
-    """Median milliseconds per pair, and how many times faster than its exhaustive twins the search is."""
-    windows = [_window(row, number) for number, row in enumerate(_first_meetings())]
+    """Median milliseconds per pair, and how many times faster than exhaustive ones the search is."""
+    windows = [_window(row, number) for number, row in enumerate(_first_sightings())]
     search = CorrelativeSearch()
     methods: list[FrameErrorEstimator] = [
         Identity(),
@@ -67,7 +67,7 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
 def _beside_exhaustive(
     search: CorrelativeSearch, windows: list[MapWindow], *, fourier: bool
 ) -> dict[str, Any]:
-    """The bare search, with preparing the scores; all must find the same cells."""
+    """The search without refinement below the cell, scores included; all ways must find the same cells."""
     ways: dict[str, Callable[[MapWindow], Cell]] = {
         "branch and bound": lambda window: _branch_and_bound(search.correlation(window)),
         "exhaustive, same code": lambda window: _exhaustive(search.correlation(window)),
@@ -96,7 +96,7 @@ def _exhaustive(scores: Correlation) -> Cell:
 
 
 def _fourier(scores: Correlation) -> Cell:
-    """Both sums of every heading as products of spectra."""
+    """Correlate by products of spectra, one pair for each heading."""
     side = 2 * scores.reach + 1
     length = next_fast_len(max(len(scores.field_0), *scores.fields_1[0].shape), real=True)
     field_0 = rfft2(scores.field_0, (length, length))
@@ -121,7 +121,7 @@ def _first_best(volume: Any) -> Cell:
 
 
 def _median_ms(calls: list[Callable[[], object]]) -> float:
-    """Over the calls, of processor time; of each the best of several, since other work only adds."""
+    """Median over the calls of the least processor time of several tries: other work only adds to it."""
     best_s = []
     for call in calls:
         times_s = []
@@ -133,7 +133,7 @@ def _median_ms(calls: list[Callable[[], object]]) -> float:
     return round(1e3 * statistics.median(best_s), 2)
 
 
-def _first_meetings() -> list[dict[str, Any]]:
+def _first_sightings() -> list[dict[str, Any]]:
     """The first sighting of an episode in each of the first shipped plans that have room for one."""
     section = default_config().explore
     robot = load_robot(section.robot)
@@ -152,7 +152,7 @@ def _first_meetings() -> list[dict[str, Any]]:
 
 
 def _window(row: dict[str, Any], number: int) -> MapWindow:
-    """The window on a sighting whose frame error is drawn uniformly from the paper's range."""
+    """The window on a sighting, with a frame error drawn uniformly from the paper's range."""
     grids = [
         grid_from_png(row[f"map_{i}"], resolution_m=row["resolution_m"], T_m_g=row[f"origin_{i}"])
         for i in "01"

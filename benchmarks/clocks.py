@@ -1,18 +1,19 @@
-"""Where the time goes: clocks around functions while they are in use."""
+"""Measure time: clocks around functions while they are used, and calls side by side."""
 
 from __future__ import annotations
 
+import statistics
 import time
 from collections import defaultdict
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 Part = tuple[Any, str, str]
-"""An owner (module or class), the name of its function, and the part of the work that this counts to."""
+"""A module or class, the name of a function in it, and the part of the work it belongs to."""
 
 
 class Clocks:
-    """Clocks around the parts while it is open; the innermost one runs."""
+    """A context in which each part is timed; while one part calls another, only the inner clock runs."""
 
     def __init__(self, parts: Sequence[Part]) -> None:
         self._parts = parts
@@ -31,7 +32,7 @@ class Clocks:
             setattr(owner, name, original)
 
     def shares(self, elapsed_s: float) -> dict[str, float]:
-        """Shares of the elapsed time; the rest is the loop itself."""
+        """Each part's share of the elapsed time; `loop` is the rest."""
         shares = {part: total_s / elapsed_s for part, total_s in self._total_s.items()}
         shares["loop"] = 1.0 - sum(shares.values())
         return {part: round(share, 3) for part, share in sorted(shares.items(), key=lambda item: -item[1])}
@@ -55,3 +56,17 @@ class Clocks:
         else:
             self._running.append(part)
         self._since_s = now_s
+
+
+def side_by_side_s(
+    ways: Mapping[str, Callable[[], object]], *, repeats: int, calls: int = 1
+) -> dict[str, float]:
+    """Median seconds of a call, by name. They take turns, so that other work slows all of them alike."""
+    times_s: dict[str, list[float]] = {name: [] for name in ways}
+    for _ in range(repeats):
+        for name, call in ways.items():
+            started_s = time.perf_counter()
+            for _ in range(calls):
+                call()
+            times_s[name].append((time.perf_counter() - started_s) / calls)
+    return {name: statistics.median(values) for name, values in times_s.items()}

@@ -1,4 +1,4 @@
-"""The whole episode loop on one core: two robots, furniture, full noise, default preset."""
+"""Whole episodes on one core: two robots, furniture, all noise, the default preset."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import argparse
 import statistics
 import sys
 import time
+from dataclasses import replace
 from typing import Any
 
 from rendezvous.errors import FloorplanError
@@ -13,6 +14,7 @@ from rendezvous.exploration import episode as episode_room
 from rendezvous.exploration.explorer import Explorer
 from rendezvous.robot_file import load_robot
 from rendezvous.simulation.drive import Physics
+from rendezvous.simulation.world import Drive
 from rendezvous.slam.slam import Slam
 from rendezvous.stages import explore as stage
 from rendezvous.stages.dataset.sightings import sighting_rows
@@ -22,7 +24,7 @@ from benchmarks.scene import default_config, shipped_plans, walls_of
 
 
 def measure(options: argparse.Namespace) -> dict[str, Any]:
-    """Real-time factor and yield with nothing in the way; then the shares of time, with clocks around."""
+    """Real-time factor and yield without clocks, then the shares of time with them."""
     _run(0, 1, drive="wheels")  # compiles
     timed = {drive: _run(1, options.episodes, drive=drive) for drive in ("wheels", "planar")}
     with Clocks(_PARTS) as clocks:
@@ -32,10 +34,15 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
     return {**timed, "share_of_time": shares}
 
 
-def _run(first: int, count: int, *, drive: str) -> dict[str, Any]:
-    """Episodes of the shipped plans in turn."""
+def short_episodes(first: int, count: int, *, max_time_s: float = 15.0) -> None:
+    """Run episodes that end early."""
+    _run(first, count, drive="wheels", max_time_s=max_time_s, first_event_s=(3.0, 8.0))
+
+
+def _run(first: int, count: int, *, drive: str, **changed: Any) -> dict[str, Any]:
+    """Run episodes on the shipped plans in turn, with some of their parameters changed."""
     section = default_config().explore
-    section = section.model_copy(update={"episode": _with_drive(section.episode, drive)})
+    section = section.model_copy(update={"episode": replace(section.episode, drive=Drive(drive), **changed)})
     robot = load_robot(section.robot)
     plans = shipped_plans()
     factors, simulated_s, events, pairs, started_s = [], 0.0, 0, 0, time.perf_counter()
@@ -66,14 +73,6 @@ def _run(first: int, count: int, *, drive: str) -> dict[str, Any]:
 
 def _rows(scene: Any, episode: Any, episode_id: str) -> list[dict[str, Any]]:
     return list(sighting_rows(scene, episode, episode_id=episode_id, seed=0))
-
-
-def _with_drive(parameters: Any, drive: str) -> Any:
-    from dataclasses import replace
-
-    from rendezvous.simulation.world import Drive
-
-    return replace(parameters, drive=Drive(drive))
 
 
 _PARTS = (

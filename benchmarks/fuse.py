@@ -1,4 +1,4 @@
-"""`rendezvous fuse`: its start, and each part of one fusion on one core once all is loaded."""
+"""`rendezvous fuse`: its start-up, and each part of a fusion on one core once all is loaded."""
 
 from __future__ import annotations
 
@@ -45,10 +45,10 @@ SIGHTINGS = 5
 TRIES = 3
 DATASET = ROOT / "data" / "dataset"
 SIGMA = (0.10, 0.05, math.radians(8.0))
-"""Standard deviations [m, m, rad] of the relative pose: about as an image gives it."""
+"""Standard deviations [m, m, rad] of the relative pose, about those of one estimated from an image."""
 
 DEFAULT = ("read maps", "read image", "see", "refine auto", "merge", "check", "draw and write")
-"""What `rendezvous fuse` does by default."""
+"""The parts of a fusion with default options."""
 
 _IMPORTS = (
     "import rendezvous.cli.__main__, rendezvous.commands.fuse.fuse as fuse, rendezvous.commands.fuse.outputs"
@@ -63,7 +63,7 @@ _START = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Sighting:
-    """Two maps, and an image with its camera if there is one, in a folder; and where the robots stood."""
+    """A folder with two maps and perhaps an image with its camera; and where the robots stood."""
 
     folder: Path
     T_m0_r0: SE2
@@ -73,7 +73,7 @@ class _Sighting:
 
 @dataclass(slots=True)
 class _Costs:
-    """Seconds of the processor and of the clock that each part took each time."""
+    """Seconds of processor and clock that each part took, by its name."""
 
     cpu: dict[str, list[float]] = field(default_factory=dict)
     wall: dict[str, list[float]] = field(default_factory=dict)
@@ -87,7 +87,7 @@ class _Costs:
 
 
 def measure(options: argparse.Namespace) -> dict[str, Any]:
-    """Medians over sightings; the processor's time tells more on a machine that does other work as well."""
+    """Medians over sightings. On a machine with other work, look at the time of the processor."""
     torch.set_num_threads(1)
     cv2.setNumThreads(1)
     estimator = _pose_estimator()
@@ -141,7 +141,7 @@ def _fuse(
 
 
 def _request(sighting: _Sighting, estimator: ImagePoseEstimator | None) -> FuseRequest:
-    """The sighting as it is written: with the image that is drawn, if there is one."""
+    """The request to fuse a sighting; by its image, if there are one and an estimator."""
     folder = sighting.folder
     seen = estimator is not None and (folder / "image.png").is_file()
     return FuseRequest(
@@ -157,7 +157,7 @@ def _request(sighting: _Sighting, estimator: ImagePoseEstimator | None) -> FuseR
 
 
 def _see(folder: Path, estimator: ImagePoseEstimator, costs: _Costs) -> None:
-    """The image as `fuse` reads and sees it; nothing for a sighting without one."""
+    """Read and estimate the relative pose as `fuse` does, if there is an image."""
     if not (folder / "image.png").is_file():
         return
     with costs.part("read image"):
@@ -169,7 +169,7 @@ def _see(folder: Path, estimator: ImagePoseEstimator, costs: _Costs) -> None:
 
 
 def _pose_estimator() -> ImagePoseEstimator | None:
-    """The trained one, if there are weights."""
+    """The trained estimator, if there are weights."""
     try:
         return PoseWeights.found(None).estimator(floor=True)
     except StoreError:
@@ -177,7 +177,7 @@ def _pose_estimator() -> ImagePoseEstimator | None:
 
 
 def _published(folder: Path) -> Iterator[_Sighting]:
-    """The first of the test split, as files."""
+    """The first sightings of the test split, as files."""
     path = min((DATASET / "pairs").glob("test-*.parquet"))
     columns = ["pair_id", "T_m0_r0", "T_m1_r1", "T_r0_r1_true"]
     for row in PAIRS.rows(pq.read_table(path, columns=columns).slice(0, SIGHTINGS)):
@@ -189,7 +189,7 @@ def _published(folder: Path) -> Iterator[_Sighting]:
 
 
 def _synthetic(folder: Path) -> _Sighting:
-    """A room that is seen twice."""
+    """Two maps of one room."""
     pair = synthetic_pairs()[0]
     assert pair.T_m0_r0 is not None
     for i, grid in enumerate((pair.grid_0, pair.grid_1)):
@@ -203,7 +203,7 @@ def _synthetic(folder: Path) -> _Sighting:
 
 
 def _start_s(code: str) -> dict[str, float]:
-    """Median seconds of some tries after one that fills the caches."""
+    """Median seconds of several runs after one that fills the caches."""
     cpu_s, wall_s = [], []
     for _ in range(1 + TRIES):
         before, started_s = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()

@@ -1,11 +1,9 @@
-"""One lidar scan of 360 beams in a furnished plan: ours and what one would use instead, side by side."""
+"""One lidar scan of 360 beams in a furnished plan: ours and the alternatives, side by side."""
 
 from __future__ import annotations
 
 import argparse
 import math
-import statistics
-import time
 from collections.abc import Callable
 from typing import Any
 
@@ -21,6 +19,7 @@ from rendezvous.simulation.lidar import beam_bearings
 from rendezvous.simulation.rays import cast_rays, ray_scene
 from rendezvous.simulation.world import scene_mjcf
 
+from benchmarks.clocks import side_by_side_s
 from benchmarks.scene import default_config, shipped_plans, walls_of
 
 REPEATS = 15
@@ -52,7 +51,7 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
     }
     ours = ways["rendezvous"]()
     agreement_m = {name: float(np.nanmax(np.abs(cast() - ours))) for name, cast in ways.items()}
-    times_us = _side_by_side(ways)
+    times_us = {name: 1e6 * v for name, v in side_by_side_s(ways, repeats=REPEATS, calls=10).items()}
     return {
         "segments": len(scene.segments_m),
         "circles": len(scene.circles_m),
@@ -60,17 +59,6 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
         "times_faster": {name: round(v / times_us["rendezvous"], 1) for name, v in times_us.items()},
         "largest_difference_m": {name: float(f"{value:.1e}") for name, value in agreement_m.items()},
     }
-
-
-def _side_by_side(ways: dict[str, Callable[[], Array]]) -> dict[str, float]:
-    times_us: dict[str, list[float]] = {name: [] for name in ways}
-    for _ in range(REPEATS):
-        for name, cast in ways.items():
-            started_s = time.perf_counter()
-            for _ in range(10):
-                cast()
-            times_us[name].append(1e5 * (time.perf_counter() - started_s))
-    return {name: statistics.median(values) for name, values in times_us.items()}
 
 
 def _multi_ray(model: Any, data: Any, eye: Array, directions: Array) -> Array:
@@ -88,7 +76,7 @@ def _ray_loop(model: Any, data: Any, eye: Array, directions: Array) -> Array:
 
 
 def _numpy(segments_m: Array, circles_m: Array, eye: Array, directions: Array) -> Array:
-    """Every beam against every segment and circle, vectorised."""
+    """Intersect all beams with all segments and circles at once."""
     d = directions[:, None, :2]
     start, edge = segments_m[:, :2] - eye[:2], segments_m[:, 2:] - segments_m[:, :2]
     cross = d[..., 0] * edge[:, 1] - d[..., 1] * edge[:, 0]

@@ -3,35 +3,28 @@
 from __future__ import annotations
 
 import argparse
-import json
-import subprocess
-import sys
+import multiprocessing
+import resource
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
 from typing import Any
 
-from benchmarks.scene import ROOT
-
-_MANY = """
-import dataclasses, json, sys
 import psutil
-from benchmarks import scene
-from benchmarks.episodes import _run
 
-section = scene.default_config().explore
-short = dataclasses.replace(section.episode, max_time_s=15.0, first_event_s=(3.0, 8.0))
-object.__setattr__(section, "episode", short)
-process, count = psutil.Process(), int(sys.argv[1])
-samples = []
-for tenth in range(10):
-    _run(tenth * count // 10, count // 10, drive="wheels")
-    samples.append(round(process.memory_info().rss / 2**20, 1))
-import resource
-peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**10
-print(json.dumps({"episodes": count, "rss_mib_each_tenth": samples, "peak_rss_mib": round(peak, 1)}))
-"""
+from benchmarks.episodes import short_episodes
 
 
 def measure(options: argparse.Namespace) -> dict[str, Any]:
     """Resident memory after each tenth of the episodes, and its peak [MiB]."""
-    command = [sys.executable, "-c", _MANY, str(options.memory_episodes)]
-    done = subprocess.run(command, cwd=ROOT, check=True, stdout=subprocess.PIPE, text=True)
-    return dict(json.loads(done.stdout))
+    with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as worker:
+        return worker.submit(mib_each_tenth, short_episodes, options.memory_episodes).result()
+
+
+def mib_each_tenth(work: Callable[[int, int], object], count: int) -> dict[str, Any]:
+    """Memory of this process while it calls `work(first, count)` for each tenth of `count`."""
+    samples = []
+    for tenth in range(10):
+        work(tenth * count // 10, count // 10)
+        samples.append(round(psutil.Process().memory_info().rss / 2**20, 1))
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**10
+    return {"count": count, "rss_mib_each_tenth": samples, "peak_rss_mib": round(peak, 1)}

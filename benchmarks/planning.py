@@ -1,10 +1,8 @@
-"""Cheapest ways over a map of 140 x 140 planning cells: ours and scikit-image's, side by side."""
+"""Cheapest paths over a map of 140 x 140 planning cells: ours and scikit-image's, side by side."""
 
 from __future__ import annotations
 
 import argparse
-import statistics
-import time
 from typing import Any
 
 import numpy as np
@@ -12,6 +10,8 @@ from rendezvous.exploration.frontier import planning_map, reach
 from rendezvous.geometry.occupancy_grid import FREE
 from rendezvous.geometry.se2 import SE2
 from skimage.graph import MCP_Geometric
+
+from benchmarks.clocks import side_by_side_s
 
 REPEATS = 15
 
@@ -24,20 +24,16 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
     for row, col in rng.integers(10, 265, (60, 2)):
         log_odds[row : row + 6, col : col + 6] = 2.0
     plan = planning_map(log_odds, SE2.identity(), resolution_m=0.05, occupied=0.62, free=-0.62)
-    start = tuple(int(v) for v in np.argwhere(plan.clearance_m > 0.4)[0])
+    row, col = np.argwhere(plan.clearance_m > 0.4)[0]
+    start = int(row), int(col)
     costs = np.where((plan.cells == FREE) & (plan.clearance_m >= 0.15), 1.0, -1.0)
     costs[plan.clearance_m < 0.30] *= 3.0
-    ours, theirs = [], []
-    for _ in range(REPEATS):
-        started_s = time.perf_counter()
-        reach(plan, (start[0], start[1]), hard_clearance_m=0.15, soft_clearance_m=0.30)
-        ours.append(time.perf_counter() - started_s)
-        started_s = time.perf_counter()
-        MCP_Geometric(costs).find_costs([start])
-        theirs.append(time.perf_counter() - started_s)
-    ours_ms, theirs_ms = 1e3 * statistics.median(ours), 1e3 * statistics.median(theirs)
+    ways = {
+        "rendezvous": lambda: reach(plan, start, hard_clearance_m=0.15, soft_clearance_m=0.30),
+        "skimage_mcp": lambda: MCP_Geometric(costs).find_costs([start]),
+    }
+    times_s = side_by_side_s(ways, repeats=REPEATS)
     return {
-        "rendezvous_ms": round(ours_ms, 2),
-        "skimage_mcp_ms": round(theirs_ms, 2),
-        "times_faster": round(theirs_ms / ours_ms, 1),
+        **{f"{name}_ms": round(1e3 * value_s, 2) for name, value_s in times_s.items()},
+        "times_faster": round(times_s["skimage_mcp"] / times_s["rendezvous"], 1),
     }

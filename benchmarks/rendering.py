@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import argparse
 import multiprocessing
-import resource
 import statistics
-import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterable
 from concurrent.futures import ProcessPoolExecutor
+from functools import partial
 from itertools import islice
 from typing import Any
 
-import psutil
 from rendezvous.errors import FloorplanError
 from rendezvous.rendering.opengl.gl import renderer_name
 from rendezvous.rendering.opengl.renderer import Renderer
@@ -27,7 +25,8 @@ from rendezvous.store.read import StageReader
 
 from benchmarks import stock_pyrender
 from benchmarks.clocks import Clocks
-from benchmarks.scene import ROOT, default_config, shipped_plans
+from benchmarks.memory import mib_each_tenth
+from benchmarks.scene import default_config, run_stage, shipped_plans
 
 _WARM_UP = 8
 _PARTS = (
@@ -113,12 +112,7 @@ def _rate(first: int, count: int) -> float:
 
 
 def _memory(images: int) -> dict[str, Any]:
-    samples = []
-    for tenth in range(10):
-        take(default_setting(), tenth * images // 10, images // 10)
-        samples.append(round(psutil.Process().memory_info().rss / 2**20, 1))
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**10
-    return {"images": images, "rss_mib_each_tenth": samples, "peak_rss_mib": round(peak, 1)}
+    return mib_each_tenth(partial(take, default_setting()), images)
 
 
 def _beside_stock_pyrender(count: int) -> dict[str, float]:
@@ -149,8 +143,7 @@ def _sightings() -> dict[str, Any]:
     few = ["--set", f"floorplans.sources=[{files}]", "--set", "floorplans.generate.count=0"]
     with tempfile.TemporaryDirectory() as data:
         for stage in ("floorplans", "meshes", "explore"):
-            command = [sys.executable, "-m", "rendezvous.cli", stage, "--data", data, *few]
-            subprocess.run(command, cwd=ROOT, check=True, stderr=subprocess.DEVNULL)
+            run_stage(stage, "--data", data, *few)
         meshes, explore = StageReader(f"{data}/meshes"), StageReader(f"{data}/explore")
         items = list(explore.items())
         walls = {item.item_id: item for item in meshes.items()}

@@ -1,8 +1,10 @@
-"""What the benchmarks run on: the default preset's settings and the shipped plans."""
+"""The default preset and the shipped plans, on which all is measured."""
 
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from functools import cache
 from pathlib import Path
 
@@ -33,3 +35,9 @@ def shipped_plans() -> tuple[Floorplan, ...]:
 def walls_of(plan_id: str) -> tuple[Solid, ...]:
     plan = next(plan for plan in shipped_plans() if plan.plan_id == plan_id)
     return wall_boxes(plan, height_m=default_config().meshes.wall_height_m)
+
+
+def run_stage(stage: str, *options: str) -> None:
+    """Run a stage by its command."""
+    command = [sys.executable, "-m", "rendezvous.cli", stage, *options]
+    subprocess.run(command, cwd=ROOT, check=True, stderr=subprocess.DEVNULL)

@@ -1,4 +1,4 @@
-"""From the command to the first simulated second, with compiled kernels in their cache."""
+"""From the command to the first simulated second, with machine code in its cache."""
 
 from __future__ import annotations
 
@@ -11,19 +11,11 @@ from typing import Any
 
 from benchmarks.scene import ROOT
 
-_FIRST_SECOND = """
-from benchmarks.episodes import _run
-from benchmarks import scene
-import dataclasses
-section = scene.default_config().explore
-short = dataclasses.replace(section.episode, max_time_s=1.0)
-object.__setattr__(section, "episode", short)
-_run(0, 1, drive="wheels")
-"""
+_FIRST_SECOND = "from benchmarks.episodes import short_episodes; short_episodes(0, 1, max_time_s=1.0)"
 
 
 def measure(options: argparse.Namespace) -> dict[str, Any]:
-    """Median seconds of three tries after one that fills the cache."""
+    """Median seconds of three runs after one that fills the cache."""
     commands = {
         "help_s": ["-m", "rendezvous.cli", "--help"],
         "first_simulated_second_s": ["-c", _FIRST_SECOND],

@@ -1,6 +1,6 @@
-"""The same scenes drawn by pyrender's own renderer, as one would without ours: image and segmentation.
+"""The same scenes drawn by pyrender's own renderer: image and segmentation.
 
-In its favour: meshes stay on the device, no textures, no shadows, and no silhouette for the visibility.
+It has the easier task: its meshes stay on the device, and it draws no textures, shadows or silhouettes.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from rendezvous.stages.dataset.pictures import Setting
 
 
 def seconds_per_image(setting: Setting, scenes: list[Scene]) -> float:
-    """Median over scenes; the first ones, which upload meshes, are not counted."""
+    """Median over scenes without the first third, which uploads meshes."""
     check_libraries()
     os.environ.update(PYOPENGL_PLATFORM="egl", LP_NUM_THREADS="1")
     import pyrender
@@ -36,7 +36,7 @@ def seconds_per_image(setting: Setting, scenes: list[Scene]) -> float:
 
 
 class _Pool:
-    """Meshes that are kept, one for each name of an instance."""
+    """Meshes by the name of their instance, kept from scene to scene."""
 
     def __init__(self, setting: Setting) -> None:
         from rendezvous.rendering.plan_scene import plan_meshes

@@ -1,4 +1,4 @@
-"""Training of the default model: samples drawn, samples learnt from, and both at once."""
+"""Training of the default model: drawing samples, learning from them, and both at once."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ STEPS, WARM_UP_STEPS, PAIRS = 16, 2, 64
 
 
 def measure(options: argparse.Namespace) -> dict[str, Any]:
-    """Samples per second of the loader's one worker, of the bare model, and of training."""
+    """Samples per second of the loader with one worker, of the model alone, and of training."""
     cores = len(os.sched_getaffinity(0))
     torch.set_num_threads(cores)
     settings = Optimisation()
@@ -53,7 +53,7 @@ def _loader(pairs: PairTable, settings: Optimisation) -> Iterable[Batch]:
 
 
 def _samples_per_s(loader: Iterable[Batch], settings: Optimisation) -> float:
-    """Of the loader alone."""
+    """Samples per second of the loader alone."""
     batches = iter(loader)
     for _ in islice(batches, WARM_UP_STEPS + 4):  # those that were drawn ahead
         pass
@@ -65,14 +65,14 @@ def _samples_per_s(loader: Iterable[Batch], settings: Optimisation) -> float:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Pace:
-    """How fast the loop goes, and for which share of its time it waits for the next batch."""
+    """Samples per second of the loop, and the share of its time in which it waits for a batch."""
 
     samples_per_s: float
     waiting_share: float
 
 
 def _trained(batches: Iterable[Batch], settings: Optimisation) -> _Pace:
-    """Of the loop over some steps, the first ones left out."""
+    """The pace of the loop over some steps, without the first ones."""
     state = TrainingState.fresh(build_model(DEFAULT_MODEL, {}, Sampling(), seed=0), settings)
     watch = _Watch(batches)
     fit(
@@ -91,7 +91,7 @@ def _trained(batches: Iterable[Batch], settings: Optimisation) -> _Pace:
 
 
 class _Watch:
-    """Times steps, and the waits for their batches."""
+    """Times the steps and the waits for their batches."""
 
     def __init__(self, batches: Iterable[Batch]) -> None:
         self._batches = batches

@@ -1,4 +1,4 @@
-"""That benchmarks still know what they measure."""
+"""Benchmarks run on what they claim to measure."""
 
 from __future__ import annotations
 
