@@ -62,7 +62,8 @@ def paths() -> dict[str, str]:
 def test_without_the_extras_data_is_made_and_read(tmp_path: Path):
     extras = ("torch", "safetensors", "tensorboard", "matplotlib", "seaborn", "pandas", "jinja2", "ray")
     modules = [f"rendezvous.stages.{name}" for name in DATASET_STAGES]
-    modules += ["rendezvous.commands.inspect", "rendezvous.training.frame_error.pairs"]
+    modules += ["rendezvous.commands.inspect", "rendezvous.commands.fuse.from_python"]
+    modules += ["rendezvous.training.frame_error.pairs"]
     modules += [f"rendezvous.commands.export.{name}" for name in ("plan", "bop", "dope")]
     without = f"import sys; sys.modules.update(dict.fromkeys({extras}))"
     run("-c", f"{without}; import {', '.join(modules)}", cwd=tmp_path, **paths())
