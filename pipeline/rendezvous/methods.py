@@ -97,7 +97,7 @@ _SHIPPED = (
     Method(name="orb", title="ORB + RANSAC", colour="#4a914a", factory=OrbRansac, takes_search=False),
     Method(name="correlative", title="Correlative search", colour="#cb2431", factory=CorrelativeSearch),
     Method(name="matcher-maps", title="Matcher, maps alone", colour="#8cb2e2", model="matcher"),
-    Method(name="matcher", title="Learned matcher", colour="#1c5cbe", model="matcher"),
+    Method(name="matcher", title="Learned matcher", colour="#2f6fd0", model="matcher"),
     *_rows(),
 )
 METHODS: Mapping[str, Method] = {method.name: method for method in _SHIPPED}
