@@ -7,7 +7,7 @@ import pytest
 import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from rendezvous.errors import FloorplanError
+from rendezvous.errors import ConfigError, FloorplanError
 from rendezvous.floorplan.records import Floorplan
 from rendezvous.floorplan.validate import FloorplanLimits, reachable_space, start_regions, validated
 
@@ -130,7 +130,7 @@ def test_unusable_plans_are_told_with_reason_and_place(plan: Floorplan, message:
 def test_limits_can_be_set():
     with pytest.raises(FloorplanError, match="must be 3 to 7 m"):
         validated(plan_of(TWO_ROOMS), limits=FloorplanLimits(max_side_m=7.0), robot_radius_m=RADIUS_M)
-    with pytest.raises(FloorplanError, match=r"limits: min_side_m 5.0, max_side_m 4.0; must be positive"):
+    with pytest.raises(ConfigError, match=r"FloorplanLimits: min_side_m is 5.0; must be from 0.001 to 4"):
         FloorplanLimits(min_side_m=5.0, max_side_m=4.0)
 
 

@@ -61,7 +61,8 @@ def office(rng: np.random.Generator, *, slanted: bool) -> Storey:
         corridor = _band(shell, rng, width_m=corridor_m, full_length=True)
         if rng.random() < 0.5:
             branch = _band(shell, rng, width_m=corridor_m, full_length=True, across=True)
-            corridor = _largest(corridor.union(_half(branch, corridor, rng)))
+            ends = _polygons(branch.difference(corridor))
+            corridor = _largest(corridor.union(ends[int(rng.integers(len(ends)))]))
     pieces = _polygons(shell.difference(corridor))
     rooms = _subdivided_all(
         pieces,
@@ -86,7 +87,10 @@ def hall(rng: np.random.Generator, *, slanted: bool) -> Storey:
     slant = 0.2 if slanted else 0.0
     rooms = _subdivided_all(sides, rng, room_area_m2=rng.uniform(9.0, 18.0), min_side_m=2.2, slant=slant)
     halls = subdivided(open_space, rng, room_area_m2=rng.uniform(60.0, 110.0), min_side_m=4.5, slant=slant)
-    posts = [post for cell in halls for post in _structure(cell, rng)]
+    posts: list[Polygon] = []
+    for cell in halls:
+        pillars = _pillars(cell, rng)
+        posts += [*pillars, *_screens(cell, rng, pillars)]
     categories = ["Hall"] * len(halls) + _office_categories(rooms, rng)
     return Storey(cells=[*halls, *rooms], categories=categories, hub=0, posts=posts)
 
@@ -130,12 +134,6 @@ def _band(
     return _largest(band.intersection(shell))
 
 
-def _half(branch: Polygon, corridor: Polygon, rng: np.random.Generator) -> Polygon:
-    """One of the two ends that a corridor leaves of another that crosses it."""
-    ends = _polygons(branch.difference(corridor))
-    return ends[int(rng.integers(len(ends)))]
-
-
 def _ring(shell: Polygon, rng: np.random.Generator, *, width_m: float) -> Polygon:
     """A corridor that goes around a core of rooms."""
     x0, y0, x1, y1 = shell.bounds
@@ -163,12 +161,6 @@ def _sides(shell: Polygon, rng: np.random.Generator) -> tuple[Polygon, list[Poly
         sides += _polygons(open_space.intersection(strips[side]))
         open_space = _largest(open_space.difference(strips[side]))
     return open_space, sides
-
-
-def _structure(cell: Polygon, rng: np.random.Generator) -> list[Polygon]:
-    """Pillars and screens that stand clear of each other."""
-    pillars = _pillars(cell, rng)
-    return [*pillars, *_screens(cell, rng, pillars)]
 
 
 def _pillars(cell: Polygon, rng: np.random.Generator) -> list[Polygon]:

@@ -64,21 +64,15 @@ class Piece:
         """Its solids with the piece's frame at this pose (3,) x [m], y [m], yaw [rad] in w."""
         x_m, y_m, yaw_rad = pose.tolist()
         cos, sin = math.cos(yaw_rad), math.sin(yaw_rad)
-        return tuple(
-            Solid(
-                shape=part.shape,
+        placed = [
+            part._replace(
                 x_m=x_m + cos * part.x_m - sin * part.y_m,
                 y_m=y_m + sin * part.x_m + cos * part.y_m,
                 yaw_rad=yaw_rad + part.yaw_rad,
-                half_x_m=part.half_x_m,
-                half_y_m=part.half_y_m,
-                z0_m=part.z0_m,
-                z1_m=part.z1_m,
-                category=self.category,
-                item=item,
             )
             for part in self.parts
-        )
+        ]
+        return tuple(Solid(**part._asdict(), category=self.category, item=item) for part in placed)
 
 
 def box_part(
@@ -105,10 +99,8 @@ def piece_of(category: str, parts: list[Part], *, at_wall: bool) -> Piece:
     x1 = y1 = -math.inf
     for part in parts:
         cos, sin = abs(math.cos(part.yaw_rad)), abs(math.sin(part.yaw_rad))
-        reach_x, reach_y = (
-            cos * part.half_x_m + sin * part.half_y_m,
-            sin * part.half_x_m + cos * part.half_y_m,
-        )
+        reach_x = cos * part.half_x_m + sin * part.half_y_m
+        reach_y = sin * part.half_x_m + cos * part.half_y_m
         x0, x1 = min(x0, part.x_m - reach_x), max(x1, part.x_m + reach_x)
         y0, y1 = min(y0, part.y_m - reach_y), max(y1, part.y_m + reach_y)
     x_m, y_m = 0.5 * (x0 + x1), 0.5 * (y0 + y1)

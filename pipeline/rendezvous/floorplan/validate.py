@@ -11,7 +11,7 @@ import shapely
 from shapely import MultiPolygon, Point, Polygon
 from shapely.geometry.base import BaseGeometry
 
-from rendezvous.errors import FloorplanError
+from rendezvous.errors import FloorplanError, require_within
 from rendezvous.floorplan.records import Floorplan
 from rendezvous.geometry.se2 import Array
 
@@ -58,19 +58,11 @@ class FloorplanLimits:
     min_start_regions: int = 2
 
     def __post_init__(self) -> None:
-        for name in ("side_m", "area_m2"):
-            least, most = getattr(self, f"min_{name}"), getattr(self, f"max_{name}")
-            if not 0.0 < least <= most:
-                raise FloorplanError(
-                    f"limits: min_{name} {least}, max_{name} {most}; must be positive and in order"
-                )
-        if not self.crossing_m >= 0.0:
-            raise FloorplanError(f"limits: crossing_m {self.crossing_m}; must not be negative")
-        if not (0.0 <= self.min_reachable_share <= 1.0 and self.min_start_regions >= 0):
-            raise FloorplanError(
-                f"limits: min_reachable_share {self.min_reachable_share}, min_start_regions "
-                f"{self.min_start_regions}; must be a share from 0 to 1 and a count"
-            )
+        require_within(
+            self, min_side_m=(1e-3, self.max_side_m), max_side_m=(0, 1e5),
+            min_area_m2=(1e-6, self.max_area_m2), max_area_m2=(0, 1e10), crossing_m=(0, 1e5),
+            min_reachable_share=(0, 1), min_start_regions=(0, 1000),
+        )  # fmt: skip
 
 
 DEFAULT_LIMITS = FloorplanLimits()

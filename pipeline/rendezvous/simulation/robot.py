@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -111,14 +111,7 @@ class CameraSpec:
 
     def intrinsics(self) -> PinholeCamera:
         """The pinhole model."""
-        return PinholeCamera(
-            fx_px=self.fx_px,
-            fy_px=self.fy_px,
-            cx_px=self.cx_px,
-            cy_px=self.cy_px,
-            width_px=self.width_px,
-            height_px=self.height_px,
-        )
+        return PinholeCamera(**{f.name: getattr(self, f.name) for f in fields(PinholeCamera)})
 
     def T_r_c(self) -> Array:
         """(4, 4) pose of the optical frame in r."""
