@@ -43,11 +43,12 @@ def ray_scene(segments_m: Array, circles_m: Array) -> RayScene:
     """Bucket segments (S, 4) and circles (C, 3) [m] for casting."""
     segments_m = np.ascontiguousarray(segments_m, dtype=np.float64).reshape(-1, 4)
     circles_m = np.ascontiguousarray(circles_m, dtype=np.float64).reshape(-1, 3)
-    lo = np.concatenate([segments_m[:, :2], segments_m[:, 2:], circles_m[:, :2] - circles_m[:, 2:]])
-    hi = np.concatenate([segments_m[:, :2], segments_m[:, 2:], circles_m[:, :2] + circles_m[:, 2:]])
-    origin_m = lo.min(axis=0) - CELL_M
-    cols, rows = (int(n) for n in np.ceil((hi.max(axis=0) + CELL_M - origin_m) / CELL_M))
-    starts, items = _bucket(segments_m, circles_m, origin_m, rows, cols)
+    starts_m, ends_m, centres_m = segments_m[:, :2], segments_m[:, 2:], circles_m[:, :2]
+    low_m = np.concatenate([np.minimum(starts_m, ends_m), centres_m - circles_m[:, 2:]])
+    high_m = np.concatenate([np.maximum(starts_m, ends_m), centres_m + circles_m[:, 2:]])
+    origin_m = low_m.min(axis=0) - CELL_M
+    cols, rows = (int(n) for n in np.ceil((high_m.max(axis=0) + CELL_M - origin_m) / CELL_M))
+    starts, items = _bucket(segments_m, low_m, high_m, origin_m, rows, cols)
     return RayScene(segments_m, circles_m, origin_m, starts, items, rows, cols)
 
 
@@ -67,41 +68,28 @@ def _touches_cell(s: Array, x0: float, y0: float, x1: float, y1: float) -> bool:
 
 @njit
 def _bucket(
-    segments_m: Array, circles_m: Array, origin_m: Array, rows: int, cols: int
+    segments_m: Array, low_m: Array, high_m: Array, origin_m: Array, rows: int, cols: int
 ) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """Two passes over the items: count, then fill (CSR)."""
-    starts = np.zeros(rows * cols + 1, np.int32)
-    items = np.zeros(0, np.int32)
-    n_segments = segments_m.shape[0]
-    for fill in range(2):
-        cursor = starts[:-1].copy()
-        for i in range(n_segments + circles_m.shape[0]):
-            if i < n_segments:
-                s = segments_m[i]
-                ax, bx = min(s[0], s[2]), max(s[0], s[2])
-                ay, by = min(s[1], s[3]), max(s[1], s[3])
-            else:
-                x, y, r = circles_m[i - n_segments]
-                ax, bx, ay, by = x - r, x + r, y - r, y + r
-            c0 = max(int((ax - origin_m[0]) / CELL_M - 1e-5), 0)
-            c1 = min(int((bx - origin_m[0]) / CELL_M + 1e-5), cols - 1)
-            r0 = max(int((ay - origin_m[1]) / CELL_M - 1e-5), 0)
-            r1 = min(int((by - origin_m[1]) / CELL_M + 1e-5), rows - 1)
-            for row in range(r0, r1 + 1):
-                for col in range(c0, c1 + 1):
-                    x0, y0 = origin_m[0] + col * CELL_M, origin_m[1] + row * CELL_M
-                    if i < n_segments and not _touches_cell(s, x0, y0, x0 + CELL_M, y0 + CELL_M):
-                        continue
-                    cell = row * cols + col
-                    if fill:
-                        items[cursor[cell]] = i
-                        cursor[cell] += 1
-                    else:
-                        starts[cell + 1] += 1
-        if not fill:
-            starts = np.cumsum(starts).astype(np.int32)
-            items = np.zeros(starts[-1], np.int32)
-    return starts, items
+    """CSR: offsets of the cells, and the items of one cell after the other, from their bounds (N, 2)."""
+    cells, items = [], []
+    for i in range(len(low_m)):
+        c0, r0 = (
+            int((low_m[i, 0] - origin_m[0]) / CELL_M - 1e-5),
+            int((low_m[i, 1] - origin_m[1]) / CELL_M - 1e-5),
+        )
+        c1 = min(int((high_m[i, 0] - origin_m[0]) / CELL_M + 1e-5), cols - 1)
+        r1 = min(int((high_m[i, 1] - origin_m[1]) / CELL_M + 1e-5), rows - 1)
+        for row in range(max(r0, 0), r1 + 1):
+            for col in range(max(c0, 0), c1 + 1):
+                x0, y0 = origin_m[0] + col * CELL_M, origin_m[1] + row * CELL_M
+                is_circle = i >= len(segments_m)
+                if is_circle or _touches_cell(segments_m[i], x0, y0, x0 + CELL_M, y0 + CELL_M):
+                    cells.append(row * cols + col)
+                    items.append(i)
+    cell = np.array(cells)
+    order = np.argsort(cell, kind="mergesort")  # stable
+    starts = np.searchsorted(cell[order], np.arange(rows * cols + 1))
+    return starts.astype(np.int32), np.array(items)[order].astype(np.int32)
 
 
 @njit(inline="always")
