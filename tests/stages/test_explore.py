@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from copy import deepcopy
 from importlib import import_module
 from pathlib import Path
 
@@ -8,6 +9,7 @@ from rendezvous.engine.run import Run
 from rendezvous.errors import FloorplanError
 from rendezvous.exploration.records import Episode
 from rendezvous.exploration.starts import draw_starts
+from rendezvous.floorplan.furnish import furnish
 from rendezvous.geometry.se2 import SE2
 from rendezvous.robot_file import ROBOTS, load_robot
 from rendezvous.schema import EXPLORE
@@ -68,29 +70,35 @@ def test_each_episode_has_starts_furniture_and_noise_of_its_own(
     make_run: MakeRun, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """And they come from streams keyed by plan and number, in whatever order episodes are run."""
-    seen: list[tuple[tuple[SE2, SE2], int, float]] = []
+    module = import_module("rendezvous.stages.explore")
+    draws: dict[str, list[float]] = {"furniture": [], "starts": [], "episode": []}
+    places, asked = list[tuple[float, float]](), dict[str, float]()
+
+    def furnished(plan, rng, **density):
+        draws["furniture"].append(deepcopy(rng).random())
+        return furnish(plan, rng, **density)
+
+    def drawn(*given, rng, **keywords) -> tuple[SE2, SE2]:
+        draws["starts"].append(deepcopy(rng).random())
+        asked.update(keywords)
+        return draw_starts(*given, rng=rng, **keywords)
 
     def stands(surroundings, robots, starts, parameters, *, rng) -> Episode:
-        seen.append((starts, len(surroundings.lidar_scene.segments_m), rng.random()))
+        draws["episode"].append(rng.random())
+        places.extend((start.x_m, start.y_m) for start in starts)
         return Episode(events=(), simulated_s=12.4, last=())  # type: ignore[arg-type]
 
-    def drawn(*given, **keywords) -> tuple[SE2, SE2]:
-        asked.update({key: value for key, value in keywords.items() if key != "rng"})
-        return draw_starts(*given, **keywords)
-
-    asked: dict[str, float] = {}
-    monkeypatch.setattr(import_module("rendezvous.stages.explore"), "draw_starts", drawn)
-    monkeypatch.setattr(import_module("rendezvous.stages.explore"), "run_episode", stands)
+    for name, spy in (("furnish", furnished), ("draw_starts", drawn), ("run_episode", stands)):
+        monkeypatch.setattr(module, name, spy)
     run = prepared(make_run, "explore.episodes_per_plan=4")
     counts = explore(run).counts()
-    assert counts["episodes"] == counts["episodes_without_meeting"] == len(seen) == 4
-    assert [draw for *_, draw in seen] == [
-        stream(0, "explore", "rdv-008", number, "episode").random() for number in range(4)
-    ]
-    places = [(start.x_m, start.y_m) for starts, *_ in seen for start in starts]
-    assert len(set(places)) == 8
-    assert len({segments for _, segments, _ in seen}) > 1
+    assert counts["episodes"] == counts["episodes_without_meeting"] == 4
     assert counts["simulated_s"] == 4 * 12
+    assert len(set(places)) == 8
+    assert draws == {
+        name: [stream(0, "explore", "rdv-008", number, name).random() for number in range(4)]
+        for name in draws
+    }
     radius_m = load_robot("burger").radius_m
     assert asked == {
         "clearance_m": radius_m + 0.115,
