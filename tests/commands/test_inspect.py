@@ -5,7 +5,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from rendezvous.commands.inspect import Order, Selection, Table, inspect
+from rendezvous.commands.inspect import Order, Selection, ShownTable, inspect
 from rendezvous.errors import ConfigError, StoreError
 from rendezvous.evaluation.pictures.canvas import SHEET_WIDTH_PX
 from rendezvous.evaluation.pictures.poses import CUBOID_COLOUR
@@ -128,7 +128,7 @@ def test_a_dataset_is_drawn_on_a_sheet_for_each_table(dataset, tmp_path, monkeyp
 
 
 def test_quantiles_are_those_of_the_images_with_a_robot(dataset, tmp_path):
-    summary = inspect(dataset, output=tmp_path / "x.png", table=Table.POSES).summary
+    summary = inspect(dataset, output=tmp_path / "x.png", table=ShownTable.POSES).summary
     shown = [pose for i in range(10) if (pose := synthetic_pose(plan=0, number=i))["T_c_o"] is not None]
     median_m = np.median([np.linalg.norm(pose["T_c_o"][:3, 3]) for pose in shown])
     line = next(line for line in summary.splitlines() if line.startswith("| Distance"))
@@ -139,7 +139,7 @@ def test_quantiles_are_those_of_the_images_with_a_robot(dataset, tmp_path):
 def test_pairs_are_drawn_with_their_images(dataset, tmp_path):
     without = _written(tmp_path / "without", "pack", pairs=_pairs(2, images=False))
     drawn = [
-        cv2.imread(str(inspect(folder, output=tmp_path / f"{i}.png", table=Table.PAIRS).pictures[0]))
+        cv2.imread(str(inspect(folder, output=tmp_path / f"{i}.png", table=ShownTable.PAIRS).pictures[0]))
         for i, folder in enumerate((dataset, without))
     ]
     assert [(sheet == CUBOID_COLOUR[::-1]).all(axis=2).any() for sheet in drawn] == [True, False]
@@ -152,7 +152,7 @@ def test_a_dataset_without_poses_is_drawn(tmp_path, monkeypatch):
     assert found.pictures == (Path("report/pairs.png"),)
     assert "isibility" not in found.summary
     with pytest.raises(ConfigError, match=r"--table is 'poses'; .*/d has pairs$"):
-        inspect(folder, table=Table.POSES)
+        inspect(folder, table=ShownTable.POSES)
 
 
 def test_what_render_made_is_drawn(tmp_path, monkeypatch):
@@ -169,7 +169,7 @@ def test_images_go_from_hidden_to_visible_unless_drawn_at_random(dataset, tmp_pa
     for name, order in (("default", None), ("visibility", Order.VISIBILITY), ("random", Order.RANDOM)):
         selection = Selection(count=10, order=order)
         (picture,) = inspect(
-            dataset, output=tmp_path / f"{name}.png", table=Table.POSES, selection=selection
+            dataset, output=tmp_path / f"{name}.png", table=ShownTable.POSES, selection=selection
         ).pictures
         heads[name] = picture.read_bytes()
     assert heads["default"] == heads["visibility"] != heads["random"]
@@ -181,8 +181,8 @@ def test_images_go_from_hidden_to_visible_unless_drawn_at_random(dataset, tmp_pa
 
 def test_an_order_that_a_table_cannot_have_is_told(dataset, sightings, tmp_path):
     for folder, table, order in (
-        (dataset, Table.POSES, Order.OVERLAP),
-        (sightings, Table.PAIRS, Order.VISIBILITY),
+        (dataset, ShownTable.POSES, Order.OVERLAP),
+        (sightings, ShownTable.PAIRS, Order.VISIBILITY),
     ):
         with pytest.raises(ConfigError, match=f"--order is '{order}', which no {table} here have"):
             inspect(folder, output=tmp_path / "x.png", table=table, selection=Selection(order=order))
@@ -200,4 +200,4 @@ def test_plans_have_no_other_table(tmp_path):
         tmp_path / "plans", "floorplans", TableSchema(name="floorplans", columns=columns).table(rows)
     )
     with pytest.raises(ConfigError, match=r"--table is 'poses'; .*/plans has only plans"):
-        inspect(folder, table=Table.POSES)
+        inspect(folder, table=ShownTable.POSES)

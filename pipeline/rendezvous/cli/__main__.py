@@ -153,13 +153,13 @@ def inspect(
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the random draw.")] = 0,
 ) -> None:
     """Draw contact sheets of a stage's output and print its figures."""
-    from rendezvous.commands.inspect import Order, Selection, Table
+    from rendezvous.commands.inspect import Order, Selection, ShownTable
     from rendezvous.commands.inspect import inspect as inspected
 
     found = inspected(
         folder,
         output=out,
-        table=None if table is None else choice(Table, "--table", table),
+        table=None if table is None else choice(ShownTable, "--table", table),
         selection=Selection(
             count=count, order=None if order is None else choice(Order, "--order", order), seed=seed
         ),

@@ -15,10 +15,11 @@ from rendezvous.evaluation.dataset.card import CARD_COLUMNS, quality_table
 from rendezvous.evaluation.dataset.pose_card import POSE_COLUMNS, VIEW_COLUMNS, pose_quality_table
 from rendezvous.evaluation.dataset.sampling import evenly_by, located_columns, rows_at
 from rendezvous.evaluation.dataset.tables import markdown_table, quantile_table
-from rendezvous.evaluation.pictures.canvas import Image, encoded_png
+from rendezvous.evaluation.pictures.canvas import encoded_png
 from rendezvous.evaluation.pictures.pairs import contact_sheet
 from rendezvous.evaluation.pictures.plans import plan_sheet
 from rendezvous.evaluation.pictures.poses import pose_sheet
+from rendezvous.geometry.camera import Image
 from rendezvous.plan_schema import plan_of, solids_of
 from rendezvous.schema import PAIRS, POSES, VIEWS, TableSchema
 from rendezvous.seeds import stream
@@ -36,7 +37,7 @@ class Order(StrEnum):
     RANDOM = "random"
 
 
-class Table(StrEnum):
+class ShownTable(StrEnum):
     """The tables that a stage may have: `explore` and `pack` have pairs, `render` has views."""
 
     PAIRS = "pairs"
@@ -92,7 +93,7 @@ def inspect(
     folder: str,
     *,
     output: Path | None = None,
-    table: Table | None = None,
+    table: ShownTable | None = None,
     selection: Selection = Selection(),
 ) -> Inspection:
     """Draw some of a stage's output.
@@ -121,7 +122,7 @@ def inspect(
     return Inspection(summary="\n\n".join([counts, *sections]), pictures=tuple(pictures))
 
 
-def _tables(reader: StageReader, table: Table | None, selection: Selection) -> Looked:
+def _tables(reader: StageReader, table: ShownTable | None, selection: Selection) -> Looked:
     """Pictures and figures of all tables, or of one."""
     there = _folders(reader)
     if table is not None and table not in there:
@@ -130,7 +131,8 @@ def _tables(reader: StageReader, table: Table | None, selection: Selection) -> L
     sections: list[str] = []
     for name in there if table is None else (table,):
         look = _LOOKS[name]
-        columns = located_columns(reader, look.columns, under=there[name])
+        # `explore`, whose shards lie in no folder, takes no images.
+        columns = located_columns(reader, look.columns if there[name] else CARD_COLUMNS, under=there[name])
         shown = columns.take(_selected(columns, look, selection))
         images[str(name)] = look.sheet(
             rows_at(reader, shown, look.schema),
@@ -141,11 +143,13 @@ def _tables(reader: StageReader, table: Table | None, selection: Selection) -> L
     return images, sections
 
 
-def _folders(reader: StageReader) -> dict[Table, str]:
+def _folders(reader: StageReader) -> dict[ShownTable, str]:
     """The tables that have rows, and the folders of their shards."""
-    found = {table: f"{table}/" for table in Table if any(shard.rows for shard in reader.shards(f"{table}/"))}
+    found = {
+        table: f"{table}/" for table in ShownTable if any(shard.rows for shard in reader.shards(f"{table}/"))
+    }
     # `explore` writes one table, and no folder.
-    return found or {Table.PAIRS: ""}
+    return found or {ShownTable.PAIRS: ""}
 
 
 def _placed(images: dict[str, Image], output: Path | None) -> dict[Path, Image]:
@@ -179,7 +183,7 @@ def _selected(columns: pa.Table, look: _Look, selection: Selection) -> list[int]
     return [known[rank].as_py() for rank in evenly_by(columns[order].drop_null().to_numpy(), count)]
 
 
-def _plans(reader: StageReader, table: Table | None, selection: Selection) -> Looked:
+def _plans(reader: StageReader, table: ShownTable | None, selection: Selection) -> Looked:
     """A picture of plans, which have no figures beside their counts."""
     if table is not None:
         raise ConfigError(f"--table is '{table}'; {reader.root} has only plans")
@@ -213,7 +217,7 @@ def _pose_figures(poses: pa.Table) -> str:
 
 _PLANS = 6
 _LOOKS = {
-    Table.PAIRS: _Look(
+    ShownTable.PAIRS: _Look(
         schema=PAIRS,
         columns=(*CARD_COLUMNS, "visibility"),
         title="Rendezvous",
@@ -222,7 +226,7 @@ _LOOKS = {
         order=Order.OVERLAP,
         figures=_pair_figures,
     ),
-    Table.VIEWS: _Look(
+    ShownTable.VIEWS: _Look(
         schema=VIEWS,
         columns=(*VIEW_COLUMNS, "T_c_o"),
         title="Rendezvous, as robot 0 sees them",
@@ -231,7 +235,7 @@ _LOOKS = {
         order=Order.VISIBILITY,
         figures=pose_quality_table,
     ),
-    Table.POSES: _Look(
+    ShownTable.POSES: _Look(
         schema=POSES,
         columns=POSE_COLUMNS,
         title="Training images",

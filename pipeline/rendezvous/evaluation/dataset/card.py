@@ -18,7 +18,7 @@ from rendezvous.evaluation.dataset.tables import (
     quantile_table,
     split_table,
 )
-from rendezvous.evaluation.pictures.canvas import Image
+from rendezvous.geometry.camera import Image
 from rendezvous.geometry.se2 import Array
 from rendezvous.schema import PAIRS, POSES, SCHEMA_VERSION
 from rendezvous.splits import SPLITS

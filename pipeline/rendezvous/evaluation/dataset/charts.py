@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from rendezvous.evaluation.pictures.canvas import BLUE, INK, MUTED, RED, Canvas, Image
+from rendezvous.evaluation.pictures.canvas import BLUE, INK, MUTED, RED, Canvas
+from rendezvous.geometry.camera import Image
 from rendezvous.geometry.se2 import Array
 
 _WIDTH_PX, _HEIGHT_PX = 1240, 460

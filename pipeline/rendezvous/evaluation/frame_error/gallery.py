@@ -11,8 +11,9 @@ import pandas as pd
 from rendezvous.alignment.frame_error import corrected
 from rendezvous.alignment.window import FREE_CELL, OCCUPIED_CELL, UNKNOWN_CELL, MapWindow, map_window
 from rendezvous.evaluation.frame_error.estimates import SUCCESS_M, SUCCESS_RAD
-from rendezvous.evaluation.pictures.canvas import BLUE, INK, PAPER, RED, UNSEEN, Canvas, Colour, Image, View
+from rendezvous.evaluation.pictures.canvas import BLUE, INK, PAPER, RED, UNSEEN, Canvas, Colour, View
 from rendezvous.evaluation.pictures.map_panels import BOTH, SEEN
+from rendezvous.geometry.camera import Image
 from rendezvous.geometry.se2 import SE2, Array
 from rendezvous.training.frame_error.pairs import MapPair
 from rendezvous.training.frame_error.perturbation import PerturbedPair

@@ -10,7 +10,7 @@ import pandas as pd
 from rendezvous.evaluation.frame_error.estimates import SUCCESS_M, SUCCESS_RAD
 from rendezvous.evaluation.frame_error.gallery import overlay, square_around
 from rendezvous.evaluation.fusion.runs import ESTIMATED, NONE, FusionRun, RendezvousOutcome
-from rendezvous.evaluation.pictures.canvas import Image
+from rendezvous.geometry.camera import Image
 from rendezvous.training.frame_error.pairs import MapPair
 
 

@@ -7,12 +7,9 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from rendezvous.geometry.camera import Image
 from rendezvous.geometry.se2 import Array
-
-Image = NDArray[np.uint8]
-"""(H, W, 3) RGB."""
 
 Colour = tuple[int, int, int]
 

@@ -15,7 +15,6 @@ from rendezvous.evaluation.pictures.canvas import (
     RED,
     Canvas,
     Colour,
-    Image,
     View,
     fitted_view,
 )
@@ -23,7 +22,7 @@ from rendezvous.evaluation.pictures.map_panels import BOTH, blended, draw_robot,
 from rendezvous.evaluation.pictures.poses import image_with_cuboid
 from rendezvous.fusion.fusion_input import FusionInput
 from rendezvous.fusion.system import FusionResult
-from rendezvous.geometry.camera import PinholeCamera
+from rendezvous.geometry.camera import Image, PinholeCamera
 from rendezvous.geometry.cuboid import Vec3, project_cuboid
 from rendezvous.geometry.se2 import SE2, Array
 from rendezvous.pose_estimation.pose_estimate import RelativePose

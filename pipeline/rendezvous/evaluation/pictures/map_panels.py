@@ -10,7 +10,8 @@ from typing import Any
 import cv2
 import numpy as np
 
-from rendezvous.evaluation.pictures.canvas import BLUE, INK, PAPER, RED, UNSEEN, Canvas, Colour, Image, View
+from rendezvous.evaluation.pictures.canvas import BLUE, INK, PAPER, RED, UNSEEN, Canvas, Colour, View
+from rendezvous.geometry.camera import Image
 from rendezvous.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN, Mask, OccupancyGrid, grid_from_png
 from rendezvous.geometry.se2 import SE2, Array
 

@@ -19,13 +19,13 @@ from rendezvous.evaluation.pictures.canvas import (
     UNSEEN,
     Canvas,
     Colour,
-    Image,
     fitted_view,
     shortened,
     titled,
 )
 from rendezvous.evaluation.pictures.map_panels import BOTH, SEEN, WEDGE, PairMaps, bounds_m, map_panel
 from rendezvous.evaluation.pictures.poses import draw_label_legend, labelled_image, visibility_words
+from rendezvous.geometry.camera import Image
 from rendezvous.geometry.se2 import SE2
 
 _GAP_PX = 20

@@ -14,7 +14,6 @@ from rendezvous.evaluation.pictures.canvas import (
     UNSEEN,
     Canvas,
     Colour,
-    Image,
     View,
     fitted_view,
     in_columns,
@@ -23,6 +22,7 @@ from rendezvous.evaluation.pictures.canvas import (
     titled,
 )
 from rendezvous.floorplan.records import Floorplan, Shape, Solid
+from rendezvous.geometry.camera import Image
 from rendezvous.geometry.se2 import Array
 
 _COLUMNS = 4

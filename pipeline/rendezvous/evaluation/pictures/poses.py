@@ -17,11 +17,11 @@ from rendezvous.evaluation.pictures.canvas import (
     SHEET_WIDTH_PX,
     Canvas,
     Colour,
-    Image,
     in_columns,
     shortened,
     titled,
 )
+from rendezvous.geometry.camera import Image
 from rendezvous.geometry.cuboid import CUBOID_CORNER_SIGNS
 from rendezvous.geometry.se2 import Array
 

@@ -7,11 +7,10 @@ from typing import Any
 
 import pandas as pd
 
-from rendezvous.evaluation.pictures.canvas import Image
 from rendezvous.evaluation.pictures.poses import labelled_image
 from rendezvous.evaluation.relative_pose.errors import PoseOutcome
 from rendezvous.evaluation.relative_pose.summary import TARGET_HEADING_RAD, TARGET_POSITION_M
-from rendezvous.geometry.camera import PinholeCamera
+from rendezvous.geometry.camera import Image, PinholeCamera
 from rendezvous.geometry.cuboid import Vec3, project_cuboid
 from rendezvous.geometry.se2 import Array
 

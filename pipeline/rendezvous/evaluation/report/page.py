@@ -14,8 +14,9 @@ from functools import cache
 from typing import Any
 
 from rendezvous.errors import StoreError, needs_extra
-from rendezvous.evaluation.pictures.canvas import Image, encoded_png
+from rendezvous.evaluation.pictures.canvas import encoded_png
 from rendezvous.evaluation.statistics import Interval
+from rendezvous.geometry.camera import Image
 
 with needs_extra("learn", "the report"):
     from jinja2 import Environment, PackageLoader, StrictUndefined
