@@ -12,10 +12,10 @@ from typing import Any
 
 from rendezvous.rendering.opengl.gl import check_libraries
 from rendezvous.rendering.scene import LightKind, Scene
-from rendezvous.stages.dataset.pictures import Setting
+from rendezvous.stages.dataset.pictures import RenderJob
 
 
-def seconds_per_image(setting: Setting, scenes: list[Scene]) -> float:
+def seconds_per_image(setting: RenderJob, scenes: list[Scene]) -> float:
     """Median over scenes without the first third, which uploads meshes."""
     check_libraries()
     os.environ.update(PYOPENGL_PLATFORM="egl", LP_NUM_THREADS="1")
@@ -38,7 +38,7 @@ def seconds_per_image(setting: Setting, scenes: list[Scene]) -> float:
 class _Pool:
     """Meshes by the name of their instance, kept from scene to scene."""
 
-    def __init__(self, setting: Setting) -> None:
+    def __init__(self, setting: RenderJob) -> None:
         from rendezvous.rendering.plan_scene import plan_meshes
         from rendezvous.rendering.randomise import robot_looks
         from rendezvous.rendering.robot_model import robot_parts

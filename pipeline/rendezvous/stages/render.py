@@ -17,7 +17,7 @@ from rendezvous.schema import POSES, VIEWS
 from rendezvous.simulation.robot import RobotSpec
 from rendezvous.stages.dataset.item_tasks import item_tasks
 from rendezvous.stages.dataset.photos import photo_folder
-from rendezvous.stages.dataset.pictures import Setting, poses, views
+from rendezvous.stages.dataset.pictures import RenderJob, poses, views
 from rendezvous.store.digest import column_types
 from rendezvous.store.parquet import Layout
 from rendezvous.store.read import StageReader, chunks
@@ -40,11 +40,11 @@ def render(run: Run) -> Manifest:
     check_inside_cuboid(robot_parts(model, source=f"model of {robot}"), spec.cuboid, robot=spec.name)
     _check_same_robot(explore, spec)
     photos = photo_folder(section.backgrounds)
-    setting = Setting(seed=run.config.seed, robot=robot, section=section, photos=photos)
+    job = RenderJob(seed=run.config.seed, robot=robot, section=section, photos=photos)
     shared = {"render.robot": asdict(spec), "render.robot.model": hashlib.sha256(model).hexdigest()}
     tasks = [
-        *(_view_tasks(setting, meshes, explore, shared) if section.views else ()),
-        *(_pose_tasks(setting, meshes, shared) if section.poses_per_plan else ()),
+        *(_view_tasks(job, meshes, explore, shared) if section.views else ()),
+        *(_pose_tasks(job, meshes, shared) if section.poses_per_plan else ()),
     ]
     return run.build("render", tasks, layout=LAYOUT, total=len(tasks), prepare=partial(_say_renderer, run))
 
@@ -67,11 +67,11 @@ def _check_same_robot(explore: StageReader, robot: RobotSpec) -> None:
 
 
 def _view_tasks(
-    setting: Setting, meshes: StageReader, explore: StageReader, shared: dict[str, Any]
+    job: RenderJob, meshes: StageReader, explore: StageReader, shared: dict[str, Any]
 ) -> Iterator[Task]:
     """Tasks that take the pictures of the sightings, each on some plans."""
     plans = {item.item_id: item for item in meshes.items()}
-    section = setting.section
+    section = job.section
     parameters = {"render.draws.shadow_share", "render.jpeg_quality", "render.texture_variants"}
     for index, batch in enumerate(chunks(explore.items(), section.plans_per_shard)):
         if gone := [item.item_id for item in batch if item.item_id not in plans]:
@@ -87,23 +87,23 @@ def _view_tasks(
                 columns=column_types(VIEWS.arrow()),
                 items={item.item_id: item.digest for item in batch}
                 | {f"{item.item_id} (meshes)": item.digest for item in walls},
-                seed=setting.seed,
+                seed=job.seed,
                 version=VERSION,
             ),
-            make=partial(views, setting, meshes, walls, explore, batch),
+            make=partial(views, job, meshes, walls, explore, batch),
         )
 
 
-def _pose_tasks(setting: Setting, meshes: StageReader, shared: dict[str, Any]) -> Iterator[Task]:
+def _pose_tasks(job: RenderJob, meshes: StageReader, shared: dict[str, Any]) -> Iterator[Task]:
     """Tasks that make the training images, each in some plans."""
-    section = setting.section
-    photos = {"render.backgrounds": setting.photos.digest() if setting.photos else None}
+    section = job.section
+    photos = {"render.backgrounds": job.photos.digest() if job.photos else None}
     return item_tasks(
         chunks(meshes.items(), section.plans_per_shard),
-        partial(poses, setting, meshes),
+        partial(poses, job, meshes),
         table=POSES,
         parameters=section.parameters(exclude={"plans_per_shard", "views", "backgrounds"}) | shared | photos,
-        seed=setting.seed,
+        seed=job.seed,
         version=VERSION,
         under="poses/",
     )

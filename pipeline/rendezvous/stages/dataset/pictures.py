@@ -50,7 +50,7 @@ _SIGHTING = (
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Setting:
+class RenderJob:
     """What all images of a run share; small to pickle.
 
     Attributes:
@@ -77,7 +77,7 @@ def _studio(seed: int, robot: str, variants: int) -> Studio:
 
 
 def views(
-    setting: Setting, meshes: StageReader, walls: Sequence[Item], explore: StageReader, items: Sequence[Item]
+    job: RenderJob, meshes: StageReader, walls: Sequence[Item], explore: StageReader, items: Sequence[Item]
 ) -> Shard:
     """The view of the observer's camera at each sighting on some plans."""
     plans = {row["plan_id"]: row for row in meshes.rows(walls, columns=_WALLS)}
@@ -85,9 +85,9 @@ def views(
     sightings = explore.rows(items, columns=_SIGHTING)
     for (plan_id, episode_id), group in groupby(sightings, key=itemgetter("plan_id", "episode_id")):
         first, *others = group
-        rooms = _rooms(setting, plans[plan_id], first["furniture"], episode_id)
+        rooms = _rooms(job, plans[plan_id], first["furniture"], episode_id)
         for sighting in (first, *others):
-            view = _image_row(setting, _drawn_view(setting, rooms, sighting), {})
+            view = _image_row(job, _drawn_view(job, rooms, sighting), {})
             rows.append({"pair_id": sighting["pair_id"], "plan_id": plan_id} | view)
     counts = {"views": len(rows), "views_half_visible": sum(row["visibility"] >= 0.5 for row in rows)}
     return Shard(table=VIEWS.table(rows), counts=counts)
@@ -103,42 +103,42 @@ class _Rooms:
 
 
 def _rooms(
-    setting: Setting, walls: Mapping[str, Any], furniture: Sequence[Mapping[str, Any]], episode_id: str
+    job: RenderJob, walls: Mapping[str, Any], furniture: Sequence[Mapping[str, Any]], episode_id: str
 ) -> _Rooms:
     place = furnished_plan(plan_of(walls), solids_of(furniture), wall_height_m=walls["wall_height_m"])
-    rng = stream(setting.seed, "render", "episode", episode_id)
-    looks = draw_room_looks(rng, place, variants=setting.section.texture_variants)
-    return _Rooms(place=place, looks=looks, worn=setting.studio().looks.worn(rng, extent=1.0))
+    rng = stream(job.seed, "render", "episode", episode_id)
+    looks = draw_room_looks(rng, place, variants=job.section.texture_variants)
+    return _Rooms(place=place, looks=looks, worn=job.studio().looks.worn(rng, extent=1.0))
 
 
-def _drawn_view(setting: Setting, rooms: _Rooms, sighting: Mapping[str, Any]) -> Drawn:
+def _drawn_view(job: RenderJob, rooms: _Rooms, sighting: Mapping[str, Any]) -> Drawn:
     """The scene of a sighting, with both robots at their true poses."""
-    studio = setting.studio()
+    studio = job.studio()
     T_w_r0, T_w_r1 = (
         SE2.from_array(sighting[f"T_w_m{i}"]) @ SE2.from_array(sighting[f"T_m{i}_r{i}_true"]) for i in (0, 1)
     )
     return room_scene(
-        stream(setting.seed, "render", "view", sighting["pair_id"]),
+        stream(job.seed, "render", "view", sighting["pair_id"]),
         rooms.place,
         rooms.looks,
         studio.looks,
         studio.camera,
         rooms.worn,
-        setting.section.draws,
+        job.section.draws,
         T_w_c=se3_from_se2(T_w_r0) @ studio.robot.camera.T_r_c(),
         T_w_r1=T_w_r1,
     )
 
 
-def poses(setting: Setting, meshes: StageReader, items: Sequence[Item]) -> Shard:
+def poses(job: RenderJob, meshes: StageReader, items: Sequence[Item]) -> Shard:
     """Training images in some plans; one without room for its robots is quarantined."""
     rows: list[dict[str, Any]] = []
     quarantined = []
     for walls in meshes.rows(items, columns=_WALLS):
-        for number, place in _furnished(setting, plan_of(walls), walls["wall_height_m"]):
+        for number, place in _furnished(job, plan_of(walls), walls["wall_height_m"]):
             pose_id = f"{place.plan.plan_id}-p{number:04d}"
             try:
-                rows.append(_pose_row(setting, place, pose_id, number))
+                rows.append(_pose_row(job, place, pose_id, number))
             except FloorplanError as error:
                 quarantined.append(Quarantined(item_id=pose_id, reason=str(error)))
     counts = {
@@ -150,37 +150,35 @@ def poses(setting: Setting, meshes: StageReader, items: Sequence[Item]) -> Shard
     return Shard(table=POSES.table(rows), counts=counts, quarantined=tuple(quarantined))
 
 
-def _furnished(
-    setting: Setting, plan: Floorplan, wall_height_m: float
-) -> Iterator[tuple[int, FurnishedPlan]]:
+def _furnished(job: RenderJob, plan: Floorplan, wall_height_m: float) -> Iterator[tuple[int, FurnishedPlan]]:
     """The number of each of a plan's images, and the plan furnished for that image."""
-    section = setting.section
+    section = job.section
     numbers = range(section.poses_per_plan)
     for furnishing, group in groupby(numbers, key=lambda number: number // section.poses_per_furnishing):
-        rng = stream(setting.seed, "render", "furniture", plan.plan_id, furnishing)
+        rng = stream(job.seed, "render", "furniture", plan.plan_id, furnishing)
         furniture = furnish(
             plan,
             rng,
             density=section.furniture_density,
-            robot_radius_m=setting.studio().robot.radius_m,
+            robot_radius_m=job.studio().robot.radius_m,
         )
         place = furnished_plan(plan, furniture, wall_height_m=wall_height_m)
         for number in group:
             yield number, place
 
 
-def _pose_row(setting: Setting, place: FurnishedPlan, pose_id: str, number: int) -> dict[str, Any]:
+def _pose_row(job: RenderJob, place: FurnishedPlan, pose_id: str, number: int) -> dict[str, Any]:
     """One training image."""
-    studio, plan = setting.studio(), place.plan
+    studio, plan = job.studio(), place.plan
     robot, camera = studio.robot, studio.camera
-    mode = _mode(setting, plan.plan_id, number)
-    drawn = _drawn_pose(setting, place, mode, stream(setting.seed, "render", "pose", plan.plan_id, number))
-    furnishing = number // setting.section.poses_per_furnishing if mode == "plausible" else None
+    mode = _mode(job, plan.plan_id, number)
+    drawn = _drawn_pose(job, place, mode, stream(job.seed, "render", "pose", plan.plan_id, number))
+    furnishing = number // job.section.poses_per_furnishing if mode == "plausible" else None
     return {
         "pose_id": pose_id,
         "plan_id": plan.plan_id,
         "plan_digest": plan.digest(),
-        "seed": setting.seed,
+        "seed": job.seed,
         "mode": mode,
         "image_width_px": camera.width_px,
         "image_height_px": camera.height_px,
@@ -190,12 +188,12 @@ def _pose_row(setting: Setting, place: FurnishedPlan, pose_id: str, number: int)
         "robot": robot.name,
         "cuboid_size_m": robot.cuboid.size_m,
         "T_r1_o": robot.cuboid.T_r_o(),
-        **_image_row(setting, drawn, {"furnishing": furnishing}),
+        **_image_row(job, drawn, {"furnishing": furnishing}),
     }
 
 
-def _drawn_pose(setting: Setting, place: FurnishedPlan, mode: str, rng: np.random.Generator) -> Drawn:
-    studio, section = setting.studio(), setting.section
+def _drawn_pose(job: RenderJob, place: FurnishedPlan, mode: str, rng: np.random.Generator) -> Drawn:
+    studio, section = job.studio(), job.section
     variants = section.texture_variants
     if mode == "plausible":
         return draw_plausible(rng, place, studio.looks, studio.robot, section.draws, variants=variants)
@@ -206,24 +204,24 @@ def _drawn_pose(setting: Setting, place: FurnishedPlan, mode: str, rng: np.rando
         studio.textures,
         section.draws,
         variants=variants,
-        photos=setting.photos,
+        photos=job.photos,
     )
 
 
-def _mode(setting: Setting, plan_id: str, number: int) -> str:
+def _mode(job: RenderJob, plan_id: str, number: int) -> str:
     """`plausible` for the given share of images, evenly spread; each plan draws its offset (uniform)."""
-    share = setting.section.draws.plausible_share
-    begin = float(stream(setting.seed, "render", "modes", plan_id).random())
+    share = job.section.draws.plausible_share
+    begin = float(stream(job.seed, "render", "modes", plan_id).random())
     crosses = math.floor((number + 1) * share + begin) > math.floor(number * share + begin)
     return "plausible" if crosses else "free"
 
 
-def _image_row(setting: Setting, drawn: Drawn, more: Mapping[str, Any]) -> dict[str, Any]:
+def _image_row(job: RenderJob, drawn: Drawn, more: Mapping[str, Any]) -> dict[str, Any]:
     """The columns of an image and its label; `more` is added to `drawn`."""
-    picture = setting.studio().take(drawn)
+    picture = job.studio().take(drawn)
     record = {**drawn.record, **more, "renderer": renderer_name()}
     return {
-        "image": _encoded(picture.rgb, setting.section.jpeg_quality),
+        "image": _encoded(picture.rgb, job.section.jpeg_quality),
         "drawn": json.dumps(record, separators=(",", ":")),
         **_label(picture),
     }
