@@ -1,4 +1,4 @@
-"""What lies open before a robot."""
+"""Lines of sight from a robot."""
 
 from __future__ import annotations
 

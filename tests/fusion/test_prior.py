@@ -1,4 +1,4 @@
-"""What a sighting says of the frame error, against poses drawn at random."""
+"""The prior of the frame error, against poses drawn at random."""
 
 import math
 

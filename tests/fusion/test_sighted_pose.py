@@ -15,7 +15,7 @@ SHAPE = np.array([[0.010, 0.004, 0.001], [0.004, 0.006, -0.001], [0.001, -0.001,
 
 
 def pose_of(*modes: tuple[SE2, Array, float], score: float = 0.9) -> RelativePose:
-    """What an estimator might give."""
+    """An estimate from one image."""
     return RelativePose(
         modes=tuple(PoseMode(T_r0_r1=T, covariance=c, mass=p, T_c_o=np.eye(4)) for T, c, p in modes),
         score=score,
@@ -57,7 +57,8 @@ def test_a_hundred_images_are_combined_and_those_that_contradict_them_left_out()
 
 
 def test_several_images_have_lighter_tails_than_one():
-    """As densities do: far out, the product of t densities falls as that of the told degrees of freedom."""
+    """As densities do: far out, the product of t densities falls as that of the reported degrees of
+    freedom."""
     heavy = PoseMode(T_r0_r1=TRUE, covariance=np.eye(3), mass=1.0, T_c_o=np.eye(4), degrees_of_freedom=5.0)
     light = PoseMode(T_r0_r1=TRUE, covariance=np.eye(3), mass=1.0, T_c_o=np.eye(4), degrees_of_freedom=9.0)
     images = [

@@ -1,4 +1,4 @@
-"""What speaks against a fused map, each doubt by itself and at its limit."""
+"""Doubts about a fused map, each by itself and at its limit."""
 
 import math
 

@@ -57,8 +57,6 @@ def test_modes_are_the_components_of_a_mixture_with_their_weights():
     assert [mode.mass for mode in modes] == pytest.approx([0.7, 0.3], abs=1e-3)
     assert modes[0].peak.as_array() == pytest.approx(first.as_array(), abs=0.021)
     assert modes[1].peak.as_array() == pytest.approx(second.as_array(), abs=0.021)
-    assert posterior.ambiguous(0.42)
-    assert not posterior.ambiguous(0.44)
 
 
 def test_a_peak_at_the_seam_of_the_circle_is_one_mode():

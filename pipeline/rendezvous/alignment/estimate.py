@@ -1,4 +1,4 @@
-"""What an estimator of the frame error takes and returns, learned or not."""
+"""The interface of every estimator of the frame error, learned or not."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the system is given besides the sighting: two maps, and where their robots stood."""
+"""The input of the system besides the sighting: two maps, and where their robots stood."""
 
 from __future__ import annotations
 

@@ -141,11 +141,6 @@ class Posterior:
         theta = SE2(mean[0], mean[1], wrap_angle(centre.yaw_rad + mean[2]))
         return Gaussian(mean=theta, covariance=spread)
 
-    def ambiguous(self, threshold: float, *, box: HalfWidths = PEAK_BOX) -> bool:
-        """Whether a second, distinct peak has at least this share of the first one's mass."""
-        first, *others = self.modes(2, box=box)
-        return bool(others) and others[0].mass >= threshold * first.mass
-
     def log_density(self, theta: SE2) -> float:
         """Log of the probability density at θ [1 / (m² rad)]; -inf outside the grid.
 

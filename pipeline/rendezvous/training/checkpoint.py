@@ -86,9 +86,9 @@ def read_checkpoint(data: bytes, *, where: str) -> Checkpoint:
     return Checkpoint(record=record, tensors=tensors)
 
 
-def with_record(checkpoint: Checkpoint, **told: Any) -> bytes:
+def with_record(checkpoint: Checkpoint, **more: Any) -> bytes:
     """The same file with more in its record."""
-    return _bytes(checkpoint.tensors, {**checkpoint.record, **told})
+    return _bytes(checkpoint.tensors, {**checkpoint.record, **more})
 
 
 def restore_in_place(state: TrainingState[Any], checkpoint: Checkpoint, *, where: str) -> None:

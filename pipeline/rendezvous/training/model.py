@@ -1,4 +1,4 @@
-"""What training asks of a model, and the points of its curve."""
+"""The interface of a trainable model, and the points of its curve."""
 
 from __future__ import annotations
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 
 import torch
+from torch import Tensor, nn
 from torch import distributed as dist
-from torch import nn
 from torch.nn.parallel import DistributedDataParallel
 
 
@@ -28,6 +30,7 @@ class Processes:
 
     @property
     def first(self) -> bool:
+        """Whether this process is the first."""
         return self.rank == 0
 
     def synchronised(self, module: nn.Module) -> nn.Module:
@@ -36,16 +39,15 @@ class Processes:
 
     def mean(self, value: float) -> float:
         """Mean over all processes, known to all."""
-        if self.count == 1:
-            return value
-        shared = torch.tensor([value], dtype=torch.float64, device=self.device)
-        dist.all_reduce(shared)
-        return float(shared) / self.count
+        return self._shared(value, dist.all_reduce) / self.count
 
     def agreed(self, value: float) -> float:
         """The first process's value: what depends on a clock must be the same for all."""
+        return self._shared(value, partial(dist.broadcast, src=0))
+
+    def _shared(self, value: float, exchange: Callable[[Tensor], object]) -> float:
         if self.count == 1:
             return value
-        shared = torch.tensor([value], dtype=torch.float64, device=self.device)
-        dist.broadcast(shared, 0)
-        return float(shared)
+        tensor = torch.tensor([value], dtype=torch.float64, device=self.device)
+        exchange(tensor)
+        return float(tensor)

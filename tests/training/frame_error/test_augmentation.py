@@ -47,7 +47,8 @@ def room() -> OccupancyGrid:
 
 
 def distance_to_walls_m(grid: OccupancyGrid, p_m: np.ndarray) -> np.ndarray:
-    """Of points (N, 2) [m] in m to the nearest occupied cell's centre, as the grid's cells measure it."""
+    """(N,) [m] from points (N, 2) [m] in m to the nearest occupied cell's centre, as the grid's cells
+    measure it."""
     gap = cv2.distanceTransform((~grid.occupied()).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
     row, col = grid.cell_of(p_m).T
     return grid.resolution_m * gap[row.clip(0, gap.shape[0] - 1), col.clip(0, gap.shape[1] - 1)]

@@ -21,7 +21,7 @@ from rendezvous.training.frame_error.perturbation import (
 
 RANGE = PerturbationRange()
 GOLDEN_THETA = (-0.31724994682825747, -0.8575637875597324, 0.5502026516737977)
-"""Of pair `plan-1` with seed 0: tables that were published stay comparable."""
+"""For pair `plan-1` and seed 0: published tables stay comparable."""
 
 
 def drawn(seed: int) -> Perturbation:

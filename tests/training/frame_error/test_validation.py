@@ -1,4 +1,4 @@
-"""What validation reports of models whose error is known."""
+"""Validation figures of models with known errors."""
 
 from __future__ import annotations
 
