@@ -148,7 +148,7 @@ def test_the_curve_that_weights_tell_needs_no_file_beside_them(network):
     (method,) = select_methods(("vit-lie",), {"vit-lie": network}, search=DEFAULT_SEARCH)
     assert training_of(method, record).minutes == 1.5
     assert training_of(method, {**record, "curve": []}).curve is None
-    with pytest.raises(StoreError, match="does not tell how it was trained"):
+    with pytest.raises(StoreError, match="no record of its training"):
         training_of(method, {**record, "curve": [{"samples": 3}]})
 
 

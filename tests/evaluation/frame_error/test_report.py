@@ -27,7 +27,7 @@ from rendezvous.geometry.se2 import SE2
 from rendezvous.methods import METHODS
 
 from tests.evaluation.pages import require_self_contained
-from tests.evaluation.toy_pairs import toy_outcomes, toy_pair, toy_sample
+from tests.evaluation.toy_pairs import outcomes_of, toy_outcomes, toy_pair, toy_sample
 
 CONDITIONS = Conditions(
     split="test",
@@ -284,3 +284,19 @@ def test_symmetric_scenes_stand_apart_where_they_were_told_apart(content):
     none = Symmetry.of(np.zeros(3), content.outcomes, weights)
     assert "symmetric, none" in _page(replace(content, symmetry=none))
     assert "Symmetric scenes apart" not in _page(content)
+
+
+def test_the_best_are_those_of_least_error_and_most_successes_whatever_their_order(content):
+    def table(**x_m: float) -> pd.DataFrame:
+        """Methods with one success each, where x is small; the overlaps of two pairs are in two bins."""
+        one = {name: np.array([[x, -x, 0.0], [2.0 - x, 0.0, 0.0]]) for name, x in x_m.items()}
+        return pd.concat(
+            [outcomes_of(error, overlap=[0.05, 0.9]).assign(method=name) for name, error in one.items()]
+        )
+
+    found = replace(content, outcomes=table(b=0.2, a=0.1, c=1.9))
+    assert found.best_by_overlap == {"< 0.1": "a", "> 0.5": "c"}
+    assert found.best[1] == "a"
+    assert found.measured == ["b", "a", "c"]
+    assert found.best[3] == "b"  # the first of those with as many
+    assert found.ranked == ["a", "b", "c"]

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 
 import pytest
@@ -8,6 +9,7 @@ from jinja2 import ChoiceLoader, DictLoader
 from rendezvous.errors import StoreError
 from rendezvous.evaluation.report import page
 from rendezvous.evaluation.report.page import PARTS, ReportPart, render_part, report_page
+from rendezvous.evaluation.statistics import NOTHING, Interval
 
 from tests.evaluation.pages import require_self_contained
 
@@ -89,3 +91,12 @@ def test_a_damaged_or_old_part_is_refused(damage, said):
 def test_two_sections_of_one_name_are_refused():
     with pytest.raises(AssertionError, match="two sections with the same anchor"):
         _part("fusion", ("table", "table"))
+
+
+def test_numbers_are_written_with_a_true_minus_and_what_is_missing_as_a_dash():
+    assert page.number(-0.1234, 2, scale=10.0) == "−1.23"
+    assert page.number(1.5, 1, signed=True) == "+1.5"
+    assert [page.number(value, 1) for value in (math.nan, None, math.inf, -math.inf)] == ["–", "–", "∞", "−∞"]
+    assert [page.percent(value) for value in (0.1234, 1.0, math.nan, None)] == ["12.3 %", "100.0 %", "–", "–"]
+    assert page.bounds(Interval(value=0.5, low=-0.25, high=0.75), 0, scale=100.0) == "−25 … 75"
+    assert page.bounds(NOTHING) == ""

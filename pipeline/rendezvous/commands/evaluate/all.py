@@ -18,16 +18,16 @@ from rendezvous.stages.weights.pose_source import PoseSource
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EveryEvaluation:
-    """What to measure.
+    """All evaluations of one dataset.
 
     Attributes:
         dataset: folder that `pack` wrote.
         split: of it.
-        count: at most so many pairs, and as many images; None for all pairs and 1,000 images.
+        count: at most this many pairs, and as many images; None for all pairs and 1,000 images.
         folder: of the report.
-        workers: processes.
-        source: what makes the estimator of the relative pose, instead of weights.
-        console: where to tell.
+        workers: number of processes.
+        source: makes the estimator of the relative pose, instead of weights.
+        console: for progress and messages.
     """
 
     dataset: str = "data/dataset"
@@ -40,7 +40,7 @@ class EveryEvaluation:
 
 
 def evaluate_all(settings: EveryEvaluation) -> Path:
-    """Run every evaluation for which there are data and weights; tell what is left out, and why.
+    """Run every evaluation that has data and weights; print what is left out, and why.
 
     Returns:
         The page.
@@ -63,15 +63,15 @@ def evaluate_all(settings: EveryEvaluation) -> Path:
     }
     pages = [page for name, run in evaluations.items() if (page := _page(name, run, settings.console))]
     if not pages:
-        raise ConfigError("no evaluation could run; what each of them lacks is told above")
+        raise ConfigError("no evaluation could run; each says above what it lacks")
     return pages[-1]
 
 
 def _page(name: str, run: Callable[[], Path], console: Console) -> Path | None:
-    """The page; None if that evaluation cannot run here, which is told."""
+    """The page, or None, with a message, if that evaluation cannot run."""
     try:
         return run()
     except PipelineError as error:
-        told = " ".join(str(error).split())
-        console.print(f"left out: {name}: {told}", highlight=False, markup=False, soft_wrap=True)
+        reason = " ".join(str(error).split())
+        console.print(f"left out: {name}: {reason}", highlight=False, markup=False, soft_wrap=True)
         return None

@@ -62,7 +62,7 @@ _PACKAGES = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Evaluation:
-    """What to measure.
+    """An evaluation of frame-error estimators.
 
     Attributes:
         dataset: folder that `pack` wrote.
@@ -155,7 +155,7 @@ def measure_and_report(settings: Evaluation) -> pd.DataFrame:
 
 
 def _range(settings: Evaluation) -> PerturbationRange:
-    """Of the frame errors, as the options give it."""
+    """The range of the frame errors that the options give."""
     xy_m, yaw_deg = settings.xy_range_m, settings.yaw_range_deg
     for option, value, most in (("--xy-range-m", xy_m, MOST_XY_M), ("--yaw-range-deg", yaw_deg, 180.0)):
         if not 0.0 <= value <= most:
@@ -285,7 +285,7 @@ def _pictures(
 def _write(content: FrameErrorContent, trial: Trial, settings: Evaluation) -> None:
     disk = Disk(str(settings.folder))
     measured = content.measured
-    told = {
+    figures = {
         "conditions": asdict(content.conditions),
         "methods": {
             name: {**row.to_json(), "source": "measured" if name in measured else "recorded"}
@@ -295,7 +295,7 @@ def _write(content: FrameErrorContent, trial: Trial, settings: Evaluation) -> No
         "comparisons": [comparison.to_json() for comparison in content.comparisons],
     }
     disk.write(PERTURBATIONS, perturbation_json(trial.drawn()))
-    keep_evaluation(disk, frame_error_part(content), told, settings.console)
+    keep_evaluation(disk, frame_error_part(content), figures, settings.console)
 
 
 def _conditions(trial: Trial, settings: Evaluation) -> Conditions:

@@ -104,7 +104,7 @@ def measured(
 def measurement(
     selected: SelectedMethod, estimator: FrameErrorEstimator | None, trial: Trial
 ) -> Measurement[Sample, Outcome]:
-    """How each pair is measured, and everything that depends on. The code of a user's method is not known."""
+    """How each pair is measured, and what that depends on; of a user's method the code is not known."""
     key = {
         "method": selected.name,
         "search": asdict(selected.search),

@@ -94,8 +94,8 @@ def measured(
         return _run(measurement, items, workers, console)
     name = f"{measurement.name}-{cache_key(measurement, workers=workers)[:16]}.json"
     if (kept := _kept(measurement, cache, name)) is not None:
-        told = f"{measurement.command} {measurement.name}: {len(kept)} {measurement.items_name}"
-        console.print(f"{told}, as measured before", highlight=False)
+        found = f"{measurement.command} {measurement.name}: {len(kept)} {measurement.items_name}"
+        console.print(f"{found}, as measured before", highlight=False)
         return kept
     outcomes = _run(measurement, items, workers, console)
     cache.write(name, json_bytes({"rows": [row.to_json() for row in outcomes]}))

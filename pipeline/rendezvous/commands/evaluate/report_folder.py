@@ -1,4 +1,4 @@
-"""The folder of the report: figures and page of all evaluations, of which each replaces its own."""
+"""The folder of the report: figures and page of all evaluations, each of which replaces its own."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ PAGE, METRICS = "index.html", "metrics.json"
 
 
 def part_name(key: str) -> str:
-    """The file of an evaluation's part of the page."""
+    """The file with an evaluation's part of the page."""
     return f"parts/{key}.json"
 
 
@@ -34,9 +34,9 @@ def kept_metrics(disk: Disk) -> dict[str, Any]:
 
 
 def keep_evaluation(disk: Disk, part: ReportPart, figures: Mapping[str, Any], console: Console) -> None:
-    """Keep what an evaluation found, and write the page of all that were made; the page comes last.
+    """Keep what an evaluation found, and write the page of all evaluations; the page comes last.
 
-    A part of another evaluation that is damaged or missing is told, here and on the page.
+    A damaged or missing part of another evaluation is reported on the console and on the page.
 
     Raises:
         StoreError: `metrics.json` is damaged, or nothing can be written.

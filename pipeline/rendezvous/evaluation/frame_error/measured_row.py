@@ -16,7 +16,7 @@ _LEARNED_SHARE = 0.8
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Conditions:
-    """What all methods of one evaluation were measured on.
+    """The pairs and frame errors on which all methods of one evaluation were measured.
 
     Attributes:
         split: of the dataset.
@@ -57,7 +57,7 @@ class Conditions:
 
     @property
     def measured_on(self) -> tuple[int, str]:
-        """How many of what."""
+        """The number of pairs, and the noun."""
         return self.pairs, "pairs"
 
 

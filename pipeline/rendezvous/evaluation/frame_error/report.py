@@ -97,7 +97,7 @@ class FrameErrorContent:
 
     @property
     def origin(self) -> list[tuple[str, str]]:
-        """What the part was made from."""
+        """Names and values of everything the part was made from."""
         c = self.conditions
         weights = [
             (f"weights of {self.title(name)}", row.training.weights_digest)
@@ -120,7 +120,7 @@ class FrameErrorContent:
         return self.methods[name].title
 
     def remarks(self, name: str) -> list[str]:
-        """What a row was measured on, where that is not this run, and how its method was trained."""
+        """Remarks on a row: its pairs, if they are not those of this run, and its method's training."""
         row, remarks = self.rows[name], []
         c = row.conditions
         if name not in self.measured:

@@ -12,7 +12,7 @@ from rendezvous.errors import StoreError
 from rendezvous.evaluation.json_record import without_nan
 
 FORMAT = 1
-"""Of the files of recorded rows."""
+"""Version of the files of recorded rows."""
 
 Figures = TypeVar("Figures")
 
@@ -22,11 +22,11 @@ class Recordable(Protocol):
 
     @property
     def name(self) -> str:
-        """Of the method or variant."""
+        """The method's or variant's name."""
 
     @property
     def conditions(self) -> Any:
-        """What it was measured on: `split`, `measured_on` and `file_name(name)`."""
+        """Conditions of the measurement: `split`, `measured_on` and `file_name(name)`."""
 
     def to_json(self) -> dict[str, Any]:
         """JSON values, with the format."""
@@ -37,7 +37,7 @@ Row = TypeVar("Row", bound=Recordable)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ImageConditions:
-    """What all variants of one evaluation were measured on.
+    """The images on which all variants of one evaluation were measured.
 
     Attributes:
         split: of the dataset.
@@ -67,7 +67,7 @@ class ImageConditions:
 
     @property
     def measured_on(self) -> tuple[int, str]:
-        """How many of what."""
+        """The number of images, and the noun."""
         return self.images, "images"
 
 

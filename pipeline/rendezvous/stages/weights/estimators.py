@@ -124,11 +124,11 @@ def trained(selected: SelectedMethod, *, threads: int) -> Trained:
 
 
 def training_of(selected: SelectedMethod, record: Mapping[str, Any]) -> Training:
-    """How a trained method came about.
+    """The training of a network.
 
     Args:
         selected: with weights.
-        record: what the weights' file tells of it.
+        record: from the weights' file.
 
     Raises:
         StoreError: the curve beside the weights is damaged, or the record is of something else.
@@ -149,15 +149,15 @@ def training_of(selected: SelectedMethod, record: Mapping[str, Any]) -> Training
         )
     except (KeyError, TypeError) as error:
         raise StoreError(
-            f"{selected.weights}: does not tell how it was trained ({error}); must be what train writes"
+            f"{selected.weights}: no record of its training ({error}); must be a file that train wrote"
         ) from error
 
 
 def plans_trained_on(record: Mapping[str, Any], plans: Mapping[str, str]) -> int | None:
-    """How many floor plans a trained method knows from its training; None if its record does not tell.
+    """How many of the floor plans a network was trained on; None if its record does not say.
 
     Args:
-        record: what the weights' file tells of it; holds the first digits of the digests of its plans.
+        record: from the weights' file; holds the first digits of its plans' digests.
         plans: digests by the plan's id.
     """
     known = record["data"].get("plan_digests")
@@ -170,7 +170,7 @@ def trained_on(record: Mapping[str, Any], plan_digest: str) -> bool:
 
 
 def _curve(weights: Path, record: Mapping[str, Any]) -> TrainingCurve | None:
-    """That the weights tell, or else the one beside them, if it is of the run that they are from."""
+    """The curve in the weights' record, or else the one beside them, if it is from the same run."""
     if points := record.get("curve"):
         return TrainingCurve.from_points(points)
     path = next(
@@ -179,10 +179,10 @@ def _curve(weights: Path, record: Mapping[str, Any]) -> TrainingCurve | None:
     if path is None:
         return None
     try:
-        told = json.loads(_bytes(path))
-        if any(told[key] != record[key] for key in ("model", "seed", "samples", "data")):
+        kept = json.loads(_bytes(path))
+        if any(kept[key] != record[key] for key in ("model", "seed", "samples", "data")):
             return None
-        return TrainingCurve.from_points(told["curve"])
+        return TrainingCurve.from_points(kept["curve"])
     except (ValueError, KeyError, TypeError) as error:
         raise StoreError(f"{path}: no curve of a training run ({error}); train writes it anew") from error
 
