@@ -56,7 +56,7 @@ def test_the_evidence_is_the_integral_of_the_posterior(seed: int):
 
 def test_a_floor_that_is_not_to_be_used_leaves_height_and_tilt_open():
     before, evidence, _ = shaken_observation(0)
-    # As seen by a camera 5 cm higher than told.
+    # As seen by a camera 5 cm higher than stated.
     high = np.array([1.2, 0.1, 0.8, 0.05, 0.0, 0.0])
     evidence = seen_points(before.project(high[None])[0]).evidence(NOISE)
     open_, floored = (refine(before, evidence, high[None], floor=floor) for floor in (False, True))

@@ -109,7 +109,7 @@ def sun(*, towards: tuple[float, float, float] = (0.0, 0.0, -1.0), **fields: Any
 
 
 def scene_of(*instances: Instance, **fields: Any) -> Scene:
-    """A scene before the small camera, in light from everywhere unless told otherwise."""
+    """A scene in front of the small camera, in ambient light by default."""
     defaults = {"camera": CAMERA, "T_w_c": facing_x(), "ambient_rgb": (0.5, 0.5, 0.5)}
     return Scene(**{**defaults, "instances": instances, **fields})
 

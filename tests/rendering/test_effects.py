@@ -32,7 +32,7 @@ def _blob(u_px, v_px):
 
 
 def _centroid_px(image, u_px, v_px):
-    """Of what is brighter than its surroundings, near where the blob should be."""
+    """Centroid of what is brighter than its surroundings, near where the blob should be."""
     v, u = np.mgrid[: SHAPE[0], : SHAPE[1]]
     near = np.hypot(u - u_px, v - v_px) < 25.0
     grey = image.mean(axis=2)
@@ -192,5 +192,5 @@ def test_the_transfer_curve_and_its_inverse_agree():
 
 
 def test_negative_noise_is_refused():
-    with pytest.raises(PipelineError, match=r"shot noise -0\.1"):
+    with pytest.raises(PipelineError, match=r"shot_noise is -0\.1; must be from 0"):
         CameraEffects(shot_noise=-0.1)

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from rendezvous.errors import PipelineError
-from rendezvous.rendering.scene import Material
+from rendezvous.rendering.scene import Material, robot_view
 
 from tests.rendering.scenes import placed, scene_of, sun
 
@@ -41,3 +41,11 @@ def test_the_robot_is_the_instance_of_that_name_and_the_parts_under_it():
     names = ["r1", "r1/wheel", "r10", "r0", "wall/r1"]
     scene = scene_of(*(placed("box", (i, 0, 0), name=name) for i, name in enumerate(names)), robot="r1")
     assert scene.robot_ids() == (0, 1)
+
+
+def test_the_silhouette_holds_the_visible_pixels_where_two_passes_round_apart():
+    ids = np.full((6, 8), -1, np.int32)
+    ids[2:4, 3:6] = 1
+    view = robot_view(ids, (1,), silhouette_px=5)
+    assert (view.visible_px, view.silhouette_px, view.visibility) == (6, 6, 1.0)
+    assert view.box_px == (2.5, 1.5, 5.5, 3.5)

@@ -44,7 +44,7 @@ class SeenRobot:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ObservationModel:
-    """What is known before the image is read.
+    """Everything known before the image is read.
 
     Attributes:
         camera: intrinsics.

@@ -5,6 +5,7 @@ None of them moves anything in the image, so labels stay valid.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import cv2
@@ -12,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rendezvous.compiled import njit
-from rendezvous.errors import PipelineError
+from rendezvous.errors import require_within
 from rendezvous.geometry.camera import Image
 from rendezvous.rendering.appearance.colour import blackbody_rgb, linear_from_srgb, srgb_from_linear
 
@@ -63,13 +64,8 @@ class CameraEffects:
     noise_seed: int = 0
 
     def __post_init__(self) -> None:
-        if not (
-            0.0 <= self.vignetting < 1.0 and min(self.shot_noise, self.read_noise, self.defocus_px) >= 0.0
-        ):
-            raise PipelineError(
-                f"camera effects: vignetting {self.vignetting} must be in [0, 1), and shot noise "
-                f"{self.shot_noise}, read noise {self.read_noise}, defocus {self.defocus_px} px not negative"
-            )
+        noise = (0.0, math.inf)
+        require_within(self, vignetting=(0.0, 0.99), shot_noise=noise, read_noise=noise, defocus_px=noise)
 
 
 def draw_effects(rng: np.random.Generator, *, light_k: float) -> CameraEffects:

@@ -170,7 +170,7 @@ class Rendering:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RobotView:
-    """What a picture shows of the robot.
+    """The robot as a picture shows it.
 
     Attributes:
         visibility: visible pixels / pixels of the whole silhouette; 0 where nothing is seen.
@@ -186,7 +186,7 @@ class RobotView:
 
 
 def robot_view(instance_ids: NDArray[np.int32], robot_ids: Sequence[int], *, silhouette_px: int) -> RobotView:
-    """What (H, W) instance ids show of the instances with the robot's ids."""
+    """The view of the robot, by (H, W) instance ids and the ids that are the robot's."""
     visible = np.isin(instance_ids, robot_ids)
     visible_px = int(np.count_nonzero(visible))
     # Image and silhouette come from two passes, which may round a pixel at an edge differently.

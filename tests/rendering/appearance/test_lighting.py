@@ -1,4 +1,4 @@
-"""Lamps hang in the room, shine where they aim, and throw shadows when told."""
+"""Lamps hang in the room, shine where they aim, and cast shadows on request."""
 
 import numpy as np
 import pytest

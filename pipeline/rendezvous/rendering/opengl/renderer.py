@@ -138,7 +138,7 @@ class Renderer:
         return count
 
     def robot_view(self, scene: Scene, rendering: Rendering) -> RobotView:
-        """What a rendering of this scene shows of its robot."""
+        """The view of the robot in a rendering of this scene."""
         return robot_view(rendering.instance_ids, scene.robot_ids(), silhouette_px=self.silhouette_px(scene))
 
     def _upload(self, instances: Iterable[tuple[int, Instance]]) -> list[DrawCall]:

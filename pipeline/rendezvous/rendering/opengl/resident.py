@@ -1,4 +1,4 @@
-"""What stays on the graphics side between pictures: buffers of all meshes, one array of all textures."""
+"""Resident on the graphics side between pictures: buffers of all meshes, one array of all textures."""
 
 from __future__ import annotations
 
