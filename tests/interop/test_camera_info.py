@@ -288,6 +288,7 @@ def test_an_image_of_another_size_is_refused():
             "[0.,",
             r"the camera matrix is \[0.*; must be \[fx, 0, cx, 0, fy, cy, 0, 0, 1\]",
         ),
+        (CALIBRATION, "405., 236.", "0., 236.", r"the camera matrix is \[410.*; must be \[fx, 0, cx"),
         (
             CALIBRATION,
             "data: [410., 0., 322.5, 0., 405., 236., 0., 0., 1.]",

@@ -61,13 +61,13 @@ def export_dope(
     """Write images and labels as DOPE reads them: X.png, X.json. Print lines for its configuration."""
     from rich.console import Console
 
-    from rendezvous.commands.export.dataset_images import Split, Table
+    from rendezvous.commands.export.dataset_images import ImageTable, Split
     from rendezvous.commands.export.dope import export_dope as exported
 
     made = exported(
         folder,
         out,
-        table=choice(Table, "--table", table),
+        table=choice(ImageTable, "--table", table),
         split=choice(Split, "--split", split),
         count=count or sys.maxsize,
         console=Console(stderr=True),
@@ -90,12 +90,12 @@ def export_bop(
     from rich.console import Console
 
     from rendezvous.commands.export.bop import export_bop as exported
-    from rendezvous.commands.export.dataset_images import Split, Table
+    from rendezvous.commands.export.dataset_images import ImageTable, Split
 
     made = exported(
         folder,
         out,
-        table=choice(Table, "--table", table),
+        table=choice(ImageTable, "--table", table),
         split=choice(Split, "--split", split),
         robot=robot,
         count=count or sys.maxsize,

@@ -28,13 +28,18 @@ def fuse(
     map1: Annotated[Path, typer.Option("--map1", help="YAML of robot 1's ROS map.")],
     pose0: Annotated[
         str,
-        typer.Option("--pose0", metavar="X,Y,YAW", help="Robot 0 in its map as it sees robot 1 (m, m, rad)."),
+        typer.Option(
+            "--pose0", metavar="X,Y,YAW", help="Pose of robot 0 in its map as it sees robot 1 (m, m, rad)."
+        ),
     ],
     pose1: Annotated[
-        str, typer.Option("--pose1", metavar="X,Y,YAW", help="Robot 1 in its map at that time (m, m, rad).")
+        str,
+        typer.Option(
+            "--pose1", metavar="X,Y,YAW", help="Pose of robot 1 in its map at that time (m, m, rad)."
+        ),
     ],
     image: Annotated[
-        list[Path], typer.Option("--image", help="What robot 0 saw; may be repeated for one sighting.")
+        list[Path], typer.Option("--image", help="Image of robot 1, taken by robot 0; repeat for several.")
     ] = [],  # noqa: B006 - Typer reads the default, nothing writes it
     camera: Annotated[
         Path | None, typer.Option("--camera", help="ROS camera_info YAML of the camera that took the image.")
@@ -53,7 +58,7 @@ def fuse(
         typer.Option(
             "--relative",
             metavar="X,Y,YAW",
-            help="Robot 1 in robot 0's frame (m, m, rad), instead of an image.",
+            help="Pose of robot 1 in robot 0's frame (m, m, rad), instead of an image.",
         ),
     ] = None,
     relative_sigma: Annotated[
@@ -63,19 +68,24 @@ def fuse(
         ),
     ] = None,
     refine: Annotated[
-        str, typer.Option("--refine", help="How the maps refine it: none, learned, correlative or auto.")
+        str,
+        typer.Option(
+            "--refine", help="How the maps refine the alignment: none, learned, correlative or auto."
+        ),
     ] = "auto",
     merge: Annotated[
         str,
         typer.Option(
             "--merge",
-            help="occupied: where either map is, no wall is lost; probabilistic: by both maps' evidence.",
+            help="occupied: cells that are occupied in either map; probabilistic: both maps' evidence.",
         ),
     ] = "occupied",
     out: Annotated[Path, typer.Option("--out", help="Folder to write to.")] = Path("fused"),
     strict: Annotated[
         bool,
-        typer.Option("--strict", help="Keep to free_thresh also where it makes unknown cells (205) free."),
+        typer.Option(
+            "--strict", help="Read maps exactly as map_server does, even if that frees unknown cells."
+        ),
     ] = False,
 ) -> None:
     """Fuse two robots' maps into one, aligned by where one robot saw the other."""

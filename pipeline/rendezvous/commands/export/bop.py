@@ -12,10 +12,10 @@ import trimesh
 from rich.console import Console
 
 from rendezvous.commands.export.dataset_images import (
+    ImageTable,
     LabelledImage,
     PublishedSplit,
     Split,
-    Table,
     published_splits,
 )
 from rendezvous.commands.export.image_folder import (
@@ -92,7 +92,7 @@ def export_bop(
     dataset: str,
     out: Path,
     *,
-    table: Table,
+    table: ImageTable,
     split: Split,
     robot: str | None,
     count: int,

@@ -29,7 +29,7 @@ _COLUMNS = (
 )
 
 
-class Table(StrEnum):
+class ImageTable(StrEnum):
     """The dataset's tables that hold images of a robot."""
 
     POSES = "poses"
@@ -45,8 +45,8 @@ class Split(StrEnum):
     ALL = "all"
 
 
-_SCHEMAS = {Table.POSES: POSES, Table.PAIRS: PAIRS}
-_ID_COLUMNS = {Table.POSES: "pose_id", Table.PAIRS: "pair_id"}
+_SCHEMAS = {ImageTable.POSES: POSES, ImageTable.PAIRS: PAIRS}
+_ID_COLUMNS = {ImageTable.POSES: "pose_id", ImageTable.PAIRS: "pair_id"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -94,7 +94,7 @@ class PublishedSplit:
     """
 
     root: str
-    table: Table
+    table: ImageTable
     split: str
     files: tuple[str, ...]
     rows: int
@@ -136,7 +136,7 @@ class PublishedSplit:
         )
 
 
-def published_splits(root: str, table: Table, split: Split) -> list[PublishedSplit]:
+def published_splits(root: str, table: ImageTable, split: Split) -> list[PublishedSplit]:
     """Find the files of a split, or of all there are; each has rows.
 
     Args:
@@ -171,7 +171,7 @@ def published_splits(root: str, table: Table, split: Split) -> list[PublishedSpl
     return splits
 
 
-def _split(disk: Disk, table: Table, split: str, files: list[re.Match[str]]) -> PublishedSplit:
+def _split(disk: Disk, table: ImageTable, split: str, files: list[re.Match[str]]) -> PublishedSplit:
     totals = {int(match[4]) for match in files}
     if len(totals) > 1 or {int(match[3]) for match in files} != set(range(*totals)):
         raise StoreError(

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from rendezvous.commands.export.dataset_images import LabelledImage, Split, Table, published_splits
+from rendezvous.commands.export.dataset_images import ImageTable, LabelledImage, Split, published_splits
 from rendezvous.commands.export.image_folder import (
     check_room,
     numbered,
@@ -71,7 +71,7 @@ class DopeExport:
 
 
 def export_dope(
-    dataset: str, out: Path, *, table: Table, split: Split, count: int, console: Console
+    dataset: str, out: Path, *, table: ImageTable, split: Split, count: int, console: Console
 ) -> DopeExport:
     """Write a table's images and labels for DOPE.
 
