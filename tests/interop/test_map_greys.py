@@ -210,3 +210,19 @@ def test_a_negated_map_with_an_opaque_alpha_channel_is_read_by_its_grey(tmp_path
     cells, (said,) = read(saved(tmp_path, with_alpha(255 - room()), negate=1))
     np.testing.assert_array_equal(cells, room())
     assert "0 more cells are read as unknown, 1,064 fewer" in said
+
+
+@pytest.mark.parametrize(("alpha", "cell"), [(127, UNKNOWN), (128, FREE)])
+def test_what_is_less_than_half_opaque_is_transparent(tmp_path: Path, alpha: int, cell: int):
+    pixels = with_alpha(room())
+    pixels[20, 30, 3] = alpha
+    assert read(saved(tmp_path, pixels))[0][20, 30] == cell
+
+
+@pytest.mark.parametrize("unknown", [127, 128, UNKNOWN])
+def test_a_map_of_walls_and_unknown_cells_alone_is_read(tmp_path: Path, unknown: int):
+    cells, said = read(saved(tmp_path, grey_of(0, unknown, unknown)))
+    assert set(np.unique(cells)) == {OCCUPIED, UNKNOWN}
+    assert not said
+    with pytest.raises(MapError, match=r"0 \(2\.8%\), 150 .* if they are occupied and free"):
+        read(saved(tmp_path, grey_of(0, 150, 150)))

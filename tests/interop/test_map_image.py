@@ -98,6 +98,18 @@ def test_pixels_that_look_like_white_space_are_pixels(tmp_path):
     assert _silently(tmp_path, b"P5 3 1 255\r\n\n\n") == [[10, 10, 10]]
 
 
+@pytest.mark.parametrize(("white", "pixel"), [(255, b"\1"), (256, b"\0\1"), (65535, b"\0\1")])
+def test_a_pixel_has_two_bytes_from_a_maximum_of_256(tmp_path, white, pixel):
+    assert _silently(tmp_path, b"P5 2 1 %d\n" % white + pixel * 2) == [[1, 1]]
+
+
+def test_the_largest_image_is_not_too_large(tmp_path):
+    with pytest.raises(MapError, match="PGM is cut off: 0 of 10000 x 10000"):
+        _read(tmp_path, b"P5\n10000 10000\n255\n")
+    with pytest.raises(MapError, match="image of 10000 x 10001 pixels; must be"):
+        _read(tmp_path, b"P5\n10000 10001\n255\n")
+
+
 def test_a_text_conversion_of_all_the_file_is_undone(tmp_path):
     converted = (b"P5\n3 2\n255\n" + RASTER).replace(b"\n", b"\r\n")
     assert _silently(tmp_path, converted) == [[0, 205, 254], [10, 205, 0]]

@@ -278,6 +278,13 @@ def test_an_origin_that_looks_like_degrees_is_read_with_a_warning(tmp_path):
         assert read_ros_map(path, strict=False).T_m_g.yaw_rad == 90.0
 
 
+@pytest.mark.parametrize(("yaw_rad", "told"), [(6.28, False), (-6.28, False), (6.29, True), (-6.29, True)])
+def test_a_yaw_of_less_than_a_turn_is_no_degrees(tmp_path, yaw_rad, told, recwarn):
+    path = _altered(tmp_path, "origin: [-3.25, 1.5, 0.3]", f"origin: [-3.25, 1.5, {yaw_rad}]")
+    assert read_ros_map(path, strict=False).T_m_g.yaw_rad == yaw_rad
+    assert bool(recwarn.list) is told
+
+
 @pytest.mark.parametrize("name", ["map1", "map2"])
 def test_a_real_map_survives_reading_and_writing(real_data, tmp_path, name):
     grid = read_ros_map(real_data / "real_pair" / f"{name}.yaml", strict=True)

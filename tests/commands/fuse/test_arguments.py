@@ -51,9 +51,7 @@ def test_standard_deviations_are_above_0_and_known():
         for place in range(3):
             sigma = [0.1, 0.1, 0.1]
             sigma[place] = wrong
-            with pytest.raises(
-                ConfigError, match=r"sigma is \(.*\); must be standard deviations above 0"
-            ):
+            with pytest.raises(ConfigError, match=r"sigma is \(.*\); must be standard deviations above 0"):
                 require_sigma("sigma", tuple(sigma))
 
 

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from rendezvous.cli.__main__ import app
 from rendezvous.commands.fuse.from_python import fuse
+from rendezvous.commands.fuse.inputs import read_camera
 from rendezvous.errors import CameraError, ConfigError, MapError
 from rendezvous.fusion.merge import merged
 from rendezvous.geometry.occupancy_grid import FREE, OccupancyGrid
@@ -131,6 +132,13 @@ def test_python_is_told_of_degrees_too_and_a_turn_is_no_degrees(given: Path, rec
             MapError,
             "81 cells of other values, as 100; must be 0 occupied, 205 unknown, 254 free",
         ),
+        (
+            {**SEEN, "image": np.zeros((480, 640, 4), np.uint8)},
+            CameraError,
+            r"shape \(480, 640, 4\), uint8; m",
+        ),
+        ({**SEEN, "image": np.zeros((480, 640), np.uint8)}, CameraError, r"shape \(480, 640\), uint8; must"),
+        ({**SEEN, "image": np.zeros((480, 640, 3))}, CameraError, r"shape .*, float64; must be \(H, W, 3\)"),
         ({**SEEN, "image": object()}, CameraError, "image 0 is given as object; must be its file or"),
         ({**SEEN, "image": [PICTURE, b"bytes"]}, CameraError, "image 1 is given as bytes; must be its file"),
         (
@@ -183,3 +191,9 @@ def test_maps_that_no_number_spans_are_told_without_a_warning():
     near = OccupancyGrid(cells=cells, resolution_m=0.05, T_m_g=SE2.identity())
     with pytest.raises(MapError, match="are the poses, origins and resolutions right"):
         merged(near, near, SE2(1e300, 1e300, 0.0))
+
+
+@pytest.mark.parametrize("share", [0.1, 20.0])
+def test_focal_lengths_are_taken_up_to_those_of_real_lenses(share: float):
+    camera = replace(CAMERA, fx_px=share * CAMERA.width_px, fy_px=share * CAMERA.height_px)
+    assert read_camera(camera).camera == camera
