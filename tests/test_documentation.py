@@ -63,7 +63,7 @@ def test_every_file_that_a_page_links_to_exists(page):
     links = [
         link for link in re.findall(r"\]\(([^)#]+)[^)]*\)", page.read_text()) if not link.startswith("http")
     ]
-    assert page.name == "cluster.md" or links
+    assert page.name in ("cluster.md", "fuse.md") or links
     assert [link for link in links if not (page.parent / link).exists()] == []
 
 
@@ -154,8 +154,8 @@ def test_the_example_scripts_run(script, folder):
 
 @pytest.mark.slow
 def test_a_dataset_of_ones_own_robot_is_made_by_the_example(tmp_path):
-    few = ["--set", "floorplans.generate.count=0", "--set", "explore.episodes_per_plan=1"]
-    _run([str(EXAMPLES / "own_robot.py"), *few, "--workers", "1"], tmp_path)
+    few = ["--set", "floorplans.generate.count=0", "--set", "render.poses_per_plan=1"]
+    _run([str(EXAMPLES / "own_robot.py"), *few], tmp_path)
     rows = StageReader(str(tmp_path / "data-courier" / "dataset")).rows(columns=["robot"])
     assert {row["robot"] for row in rows} == {"courier"}
 
@@ -176,6 +176,10 @@ def test_the_example_of_fuse_runs_on_a_sighting_of_the_dataset(folder, monkeypat
     assert re.match(r"SE2\(x_m=.*\) (accepted|uncertain: )", capsys.readouterr().out)
 
 
+def numbers(line: str) -> list[float]:
+    return [float(number) for number in re.findall(r"-?\d+\.\d+", line)]
+
+
 @pytest.mark.slow
 def test_the_readme_fuses_the_shipped_sighting(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
@@ -183,7 +187,10 @@ def test_the_readme_fuses_the_shipped_sighting(tmp_path, monkeypatch, capsys):
     for command in re.findall(r"^\$ rendezvous ((?:.*\\\n)*.*)$", console, re.MULTILINE):
         shown = CliRunner().invoke(app, shlex.split(command.replace("\\\n", "")))
         assert shown.exit_code == 0, shown.output
-    assert shown.stdout.splitlines()[:2] == console.splitlines()[4:6]
+    verdict, found = shown.stdout.splitlines()[:2]
+    assert verdict == console.splitlines()[4]
+    # Processors differ in the last bits.
+    assert numbers(found) == pytest.approx(numbers(console.splitlines()[5]), abs=0.01)
     (example,) = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
     exec(example, {})
     assert re.fullmatch(r"SE2\(x_m=-4\.79.*\) accepted\n", capsys.readouterr().out)
