@@ -52,6 +52,12 @@ def test_a_much_longer_frontier_is_worth_some_metres() -> None:
     assert led_to(eager, room(LEFT, WIDE_RIGHT))[0] > 5.0
 
 
+def test_a_frontier_nearer_than_the_lookahead_is_no_goal() -> None:
+    beside_left = np.array([0.25, 2.0, 0.0])
+    path_m = goals().path_m(room(LEFT, RIGHT), beside_left, NO_PATH, time_s=0.0, keep_patrol=False)
+    assert path_m[-1] == approx([5.95, 2.0], abs=0.1)
+
+
 def test_a_goal_given_up_is_avoided_for_half_a_minute() -> None:
     chosen, mapper = goals(), room(LEFT, RIGHT)
     chosen.shun(led_to(chosen, mapper) + np.array([0.0, 0.45]), time_s=0.0)
