@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 import yaml
-from rendezvous.commands.export.dataset_images import Split, Table
+from rendezvous.commands.export.dataset_images import ImageTable, Split
 from rendezvous.commands.export.dope import export_dope
 from rendezvous.interop.dope_json import read_dope_document
 from rich.console import Console
@@ -184,7 +184,9 @@ def test_a_failed_export_leaves_no_label_beside_another_image(dataset, tmp_path)
 def test_progress_is_told_in_batches(dataset, tmp_path, monkeypatch):
     monkeypatch.setattr("rendezvous.engine.progress.LINE_EVERY_S", 0.0)
     console = Console(file=io.StringIO(), width=200)
-    export_dope(str(dataset), tmp_path, table=Table.POSES, split=Split.TRAIN, count=10**6, console=console)
+    export_dope(
+        str(dataset), tmp_path, table=ImageTable.POSES, split=Split.TRAIN, count=10**6, console=console
+    )
     lines = console.file.getvalue().splitlines()
     assert [re.match(r"export: (\d/\d batches, \d+ images)", line)[1] for line in lines] == [
         "1/2 batches, 64 images",
