@@ -32,7 +32,11 @@ def test_a_level_scan_sees_the_cap_above_the_chassis_and_the_chassis_below_it() 
     spec = burger()
     assert spec.circle_at(spec.lidar.z_m) == (spec.lidar.x_m, spec.lidar.cap_radius_m)
     assert spec.circle_at(0.1) == (spec.chassis.centre_x_m, spec.chassis.radius_m)
+    body = (spec.chassis.centre_x_m, spec.chassis.radius_m)
+    assert spec.circle_at(spec.chassis.top_z_m) == spec.circle_at(spec.chassis.bottom_z_m) == body
+    assert spec.circle_at(spec.size_m[2]) == (spec.lidar.x_m, spec.lidar.cap_radius_m)
     assert spec.circle_at(0.3) is None
+    assert spec.circle_at(0.005) is None
 
 
 @pytest.mark.parametrize(
