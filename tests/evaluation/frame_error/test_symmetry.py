@@ -69,7 +69,7 @@ def test_symmetric_scenes_are_counted_apart():
     error = np.array([[1.0, 0.0, math.pi], [0.1, 0.0, 0.0], [0.3, 0.0, 0.0]])
     weights = resample_weights(np.arange(3), rng=np.random.default_rng(0), resamples=50)
     found = outcomes_of(error)
-    apart = Symmetry.of(np.array([0.7, 0.2, 0.59]), found, weights)
+    apart = Symmetry.of(np.array([SYMMETRIC_SHARE, 0.2, 0.59]), found, weights)
     assert apart.count == 1
     assert apart.methods["toy"].symmetric.position_m.value == 1.0
     assert apart.methods["toy"].others.position_m.value == approx(0.2)
