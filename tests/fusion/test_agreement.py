@@ -63,6 +63,15 @@ def test_free_against_occupied_is_a_conflict_and_unknown_is_none():
     assert (found.compared, found.wall_share) == (4, 0.5)
 
 
+def test_conflicts_are_counted_in_the_cells_of_both_maps():
+    coarse, fine = shown("#.", resolution_m=2.0), shown("...# ...#")
+    for pair in ((coarse, fine), (fine, coarse)):
+        found = map_agreement(*pair, SE2.identity(), tolerance_m=0.5)
+        # Both coarse cells contradict the fine map, and of the eight fine ones all but two.
+        assert found.known_in_both == 2 + 8
+        assert found.conflict_share == pytest.approx((2 + 6) / 10)
+
+
 @given(grids, grids, poses)
 def test_two_maps_agree_alike_from_either_of_them(grid_0, grid_1, T_m0_m1):
     there = map_agreement(grid_0, grid_1, T_m0_m1)
