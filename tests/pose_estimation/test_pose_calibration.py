@@ -86,6 +86,9 @@ def test_variance_along_the_line_of_sight_is_added_along_it():
     assert added == pytest.approx(np.diag([0.0, 0.04, 0.0]), abs=1e-12)
     turned = calibration.covariance(np.zeros((3, 3)), SE2(0.0, 2.0, np.pi / 2.0))
     assert turned == pytest.approx(np.diag([0.04, 0.0, 0.0]), abs=1e-12)
+    aslant = calibration.covariance(np.zeros((3, 3)), SE2(0.0, 2.0, 0.5))
+    along = np.array([np.cos(0.5 * np.pi - 0.5), np.sin(0.5 * np.pi - 0.5), 0.0])
+    assert aslant == pytest.approx(0.04 * np.outer(along, along), abs=1e-12)
 
 
 def test_scale_and_floors_are_added_up():
