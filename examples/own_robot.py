@@ -18,7 +18,7 @@ LENGTH_M, WIDTH_M, HEIGHT_M = 0.24, 0.22, 0.26
 # wheels, x forward, y left, z up.
 robot = yaml.safe_load((ROBOTS / "burger" / "robot.yaml").read_text())
 robot |= {"name": "courier", "size_m": [LENGTH_M, WIDTH_M, HEIGHT_M], "radius_m": 0.165, "mass_kg": 2.5}
-robot["chassis"] |= {"radius_m": 0.11, "centre_x_m": 0.0, "top_z_m": 0.2}
+robot["chassis"] |= {"radius_m": 0.1, "centre_x_m": -0.02, "top_z_m": 0.2}  # rests on wheels and caster
 robot["wheels"]["track_m"] = 0.2
 robot["lidar"] |= {"x_m": 0.0, "z_m": 0.24}
 robot["camera"]["xyz_m"] = [0.11, 0.0, 0.15]

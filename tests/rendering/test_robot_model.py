@@ -166,7 +166,7 @@ radius_m: 0.20
 mass_kg: 4.0
 max_speed_mps: 0.5
 max_turn_rate_radps: 2.0
-chassis: {radius_m: 0.12, centre_x_m: 0.0, bottom_z_m: 0.02, top_z_m: 0.12}
+chassis: {radius_m: 0.12, centre_x_m: -0.02, bottom_z_m: 0.02, top_z_m: 0.12}
 wheels: {radius_m: 0.05, width_m: 0.02, track_m: 0.20, mass_kg: 0.1}
 caster: {x_m: -0.12, radius_m: 0.01}
 lidar: {x_m: 0.0, z_m: 0.18, cap_radius_m: 0.03, beams: 180, rate_hz: 5.0, range_min_m: 0.1, \

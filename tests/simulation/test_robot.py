@@ -47,6 +47,8 @@ def test_a_level_scan_sees_the_cap_above_the_chassis_and_the_chassis_below_it() 
         ("lidar", {"beams": 0}, "lidar with 0 beams"),
         ("lidar", {"rate_hz": 7.0}, r"must divide the controller's 20 Hz, such as 5 or 10"),
         ("chassis", {"top_z_m": 0.4}, "at most the robot's height"),
+        ("chassis", {"centre_x_m": 0.0}, r"between the wheels at 0 and the caster at -0\.081 m"),
+        ("caster", {"x_m": 0.08}, r"chassis\.centre_x_m is -0\.032; must be between .* caster at 0\.08 m"),
         ("wheels", {"mass_kg": 0.6}, "two wheels of 0.6 kg are not part of 1.0 kg"),
     ],
 )

@@ -159,6 +159,11 @@ class RobotSpec:
                 f"robot {self.name}: the chassis reaches from {chassis.bottom_z_m} to {chassis.top_z_m} m; "
                 f"its top must be above its bottom and at most the robot's height of {self.size_m[2]} m"
             )
+        if not min(0.0, self.caster.x_m) < chassis.centre_x_m < max(0.0, self.caster.x_m):
+            raise ConfigError(
+                f"robot {self.name}: chassis.centre_x_m is {chassis.centre_x_m}; must be between the wheels "
+                f"at 0 and the caster at {self.caster.x_m} m, or the robot tips over"
+            )
         if not 0.0 < lidar.z_m <= self.size_m[2]:
             raise ConfigError(
                 f"robot {self.name}: lidar.z_m is {lidar.z_m}; must be within the robot's {self.size_m[2]} m"
