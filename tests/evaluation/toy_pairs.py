@@ -46,14 +46,12 @@ def toy_sample(pair: MapPair, *, seed: int = 0) -> PerturbedPair:
 
 def toy_outcomes(pairs: Sequence[MapPair], *, off: SE2, failing: bool = False) -> list[Outcome]:
     """Of a method that is always off by the same motion, or always fails."""
+    covariance = np.diag([0.01, 0.01, 0.001])
     rows = []
     for pair in pairs:
         sample = toy_sample(pair)
-        estimate = (
-            Estimate(theta=None, reason="a toy")
-            if failing
-            else Estimate(theta=sample.theta_v @ off.inverse(), covariance=np.diag([0.01, 0.01, 0.001]))
-        )
+        right = Estimate(theta=sample.theta_v @ off.inverse(), covariance=covariance)
+        estimate = Estimate(theta=None, reason="a toy") if failing else right
         rows.append(outcome(estimate, pair, sample, duration_s=0.01))
     return rows
 
@@ -68,26 +66,28 @@ def outcomes_of(
     overlap: float | Sequence[float] = 0.3,
 ) -> pd.DataFrame:
     """An outcome table with these errors (N, 3) of one method: a failure's is that of answering zero."""
-    rows = []
-    for i, components in enumerate(error):
-        fails = failed is not None and failed[i]
-        rows.append(
-            Outcome(
-                pair_id=f"pair-{i}",
-                theta=SE2.from_array(components),
-                theta_hat=None if fails else SE2.identity(),
-                covariance=None if covariance is None else covariance[i],
-                degrees_of_freedom=math.inf if tails is None else tails,
-                ambiguous=ambiguous is not None and bool(ambiguous[i]),
-                reason="a toy" if fails else "",
-                log_density=None,
-                meeting_error_m=float(np.hypot(*components[:2])),
-                duration_s=0.001 * (i + 1),
-            )
+    count = len(error)
+    rows = [
+        Outcome(
+            pair_id=f"pair-{i}",
+            theta=SE2.from_array(error[i]),
+            theta_hat=None if fails else SE2.identity(),
+            covariance=None if covariance is None else covariance[i],
+            degrees_of_freedom=math.inf if tails is None else tails,
+            ambiguous=doubted,
+            reason="a toy" if fails else "",
+            log_density=None,
+            meeting_error_m=float(np.hypot(*error[i, :2])),
+            duration_s=0.001 * (i + 1),
         )
-    return outcome_table({"toy": rows}, np.broadcast_to(overlap, len(rows)))
+        for i, (fails, doubted) in enumerate(
+            zip(failed or [False] * count, ambiguous or [False] * count, strict=True)
+        )
+    ]
+    return outcome_table({"toy": rows}, np.broadcast_to(overlap, count))
 
 
-def tables_of(**errors: Array) -> pd.DataFrame:
+def tables_of(*, overlap: float | Sequence[float] = 0.3, **errors: Array) -> pd.DataFrame:
     """An outcome table of methods with these errors (N, 3)."""
-    return pd.concat([outcomes_of(error).assign(method=name) for name, error in errors.items()])
+    tables = [outcomes_of(error, overlap=overlap).assign(method=name) for name, error in errors.items()]
+    return pd.concat(tables)

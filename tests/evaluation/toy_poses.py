@@ -34,12 +34,12 @@ def truth(
 def mode(
     T_r0_r1: SE2, *, mass: float = 1.0, sigma: float = 0.1, degrees_of_freedom: float = math.inf
 ) -> PoseMode:
-    T_c_o = np.linalg.inv(T_R0_C) @ se3_from_se2(T_r0_r1)
+    """A reading."""
     return PoseMode(
         T_r0_r1=T_r0_r1,
         covariance=sigma**2 * np.eye(3),
         mass=mass,
-        T_c_o=T_c_o,
+        T_c_o=np.linalg.inv(T_R0_C) @ se3_from_se2(T_r0_r1),
         degrees_of_freedom=degrees_of_freedom,
     )
 
@@ -60,14 +60,8 @@ def outcomes(truths: Sequence[ImageTruth], poses: Sequence[RelativePose]) -> pd.
     return pose_table(truths, rows)
 
 
-def drawn_truths(count: int, *, seed: int = 0) -> list[ImageTruth]:
+def drawn_truths(count: int) -> list[ImageTruth]:
     """Robots ahead at 0.5 to 4 m, at any heading, more or less visible, all uniform."""
-    rng = np.random.default_rng(seed)
-    return [
-        truth(
-            number,
-            SE2(rng.uniform(0.5, 4.0), rng.uniform(-0.3, 0.3), rng.uniform(-3.1, 3.1)),
-            visibility=rng.uniform(0.05, 1.0),
-        )
-        for number in range(count)
-    ]
+    low, high = (0.5, -0.3, -3.1, 0.05), (4.0, 0.3, 3.1, 1.0)
+    drawn = np.random.default_rng(0).uniform(low, high, (count, 4))
+    return [truth(number, SE2(*pose), visibility=seen) for number, (*pose, seen) in enumerate(drawn)]

@@ -85,10 +85,6 @@ def test_a_photograph_is_encoded_without_loss_and_filtered():
     assert len(png) < 0.85 * len(cv2.imencode(".png", image[..., ::-1], unfiltered)[1])
 
 
-def test_a_sheet_of_three_is_small_enough_for_a_readme(row):
-    assert len(encoded_png(contact_sheet([row] * 3, title="Rendezvous"))) < 400_000
-
-
 def test_bars_are_as_high_as_their_counts():
     edges = np.linspace(0.0, 1.0, 5)
     chart = histogram(np.array([0.1] * 10 + [0.6] * 5), edges, title="", mark=0.3, mark_label="")

@@ -51,35 +51,39 @@ def test_errors_drawn_from_the_covariance_are_covered_as_often_as_it_says(tails)
 
 def test_an_estimator_that_turns_all_robots_around_is_confused_every_time():
     truths = drawn_truths(12)
-    poses = [read_as(mode(t.T_r0_r1 @ SE2(0.0, 0.0, math.pi))) for t in truths]
-    found = pose_summary(outcomes(truths, poses))
+    found = pose_summary(
+        outcomes(truths, [read_as(mode(t.T_r0_r1 @ SE2(0.0, 0.0, math.pi))) for t in truths])
+    )
     assert (found.overall.confused.count, found.overall.confused.of) == (12, 12)
-    assert found.window.inside.count == 0
-    assert not found.reached
+    assert (found.window.inside.count, found.reached) == (0, False)
 
 
 def test_what_is_never_found_has_no_errors_but_is_counted():
-    truths = drawn_truths(9)
-    found = pose_summary(outcomes(truths, [read_as() for _ in truths]))
+    found = pose_summary(outcomes(drawn_truths(9), [read_as()] * 9))
     assert (found.overall.detected.count, found.overall.detected.of) == (0, 9)
-    assert found.overall.position_m is None
-    assert found.coverage is None
-    assert found.window is None
-    assert not found.reached
+    assert (found.overall.position_m, found.coverage, found.window, found.reached) == (
+        None,
+        None,
+        None,
+        False,
+    )
 
 
 def test_false_detections_are_of_images_without_the_robot_and_of_covered_copies():
     pose = SE2(1.0, 0.0, 0.0)
-    truths = [truth(0, pose), truth(1, None), truth(2, None), truth(3, pose), truth(4, pose)]
+    images = [
+        (pose, True, 1.0, True),
+        (None, True, 2.0, None),
+        (None, False, 3.0, None),
+        (pose, False, 4.0, False),
+        (pose, True, 6.0, False),
+    ]
+    truths = [truth(i, T_r0_r1) for i, (T_r0_r1, *_) in enumerate(images)]
     rows = [
-        PoseOutcome.of(t.image_id, read, duration_s=duration_s, found_covered=covered)
-        for t, read, duration_s, covered in zip(
-            truths,
-            [read_as(mode(pose)), read_as(mode(pose)), read_as(), read_as(), read_as(mode(pose))],
-            (1.0, 2.0, 3.0, 4.0, 6.0),
-            (True, None, None, False, False),
-            strict=True,
+        PoseOutcome.of(
+            t.image_id, read_as(*[mode(pose)] * read), duration_s=duration_s, found_covered=covered
         )
+        for t, (_, read, duration_s, covered) in zip(truths, images, strict=True)
     ]
     found = pose_summary(pose_table(truths, rows))
     assert (found.false_detections.count, found.false_detections.of) == (1, 2)
@@ -110,23 +114,25 @@ def test_images_are_binned_by_distance_and_visibility(x_m, visibility, distances
     assert (row.distances, row.visibilities) == (distances, visibilities)
 
 
-@pytest.mark.parametrize("step", range(8))
-def test_sectors_are_centred_on_multiples_of_45_degrees(step):
-    poses = [SE2(1.03, 0.0, math.radians(45.0 * step + off_deg)) for off_deg in (-22.0, 0.0, 22.0)]
-    found = outcomes([truth(i, pose) for i, pose in enumerate(poses)], [read_as()] * 3)
-    assert grouped(found).headings.tolist() == [HEADINGS[step]] * 3
+def test_sectors_are_centred_on_multiples_of_45_degrees():
+    heading_deg = np.add.outer(45.0 * np.arange(8), (-22.0, 0.0, 22.0)).ravel()
+    truths = [truth(i, SE2(1.03, 0.0, yaw_rad)) for i, yaw_rad in enumerate(np.radians(heading_deg))]
+    assert grouped(outcomes(truths, [read_as()] * 24)).headings.tolist() == np.repeat(HEADINGS, 3).tolist()
 
 
-def test_the_goal_is_for_plausible_images_of_near_and_visible_robots():
-    near, far = SE2(2.0, 0.0, 0.0), SE2(3.0, 0.0, 0.0)
-    truths = [
-        truth(0, near, visibility=0.6),
-        truth(1, near, visibility=0.4),
-        truth(2, far, visibility=0.6),
-        truth(3, near, visibility=0.6, kind="sighting"),
-        truth(4, None),
-    ]
-    assert has_goal(outcomes(truths, [read_as()] * 5)).tolist() == [True, False, False, False, False]
+@pytest.mark.parametrize(
+    ("x_m", "settings", "goal"),
+    [
+        (2.0, {"visibility": 0.6}, True),
+        (2.0, {"visibility": 0.4}, False),
+        (3.0, {"visibility": 0.6}, False),
+        (2.0, {"kind": "sighting"}, False),
+        (None, {}, False),
+    ],
+)
+def test_the_goal_is_for_plausible_images_of_near_and_visible_robots(x_m, settings, goal):
+    seen = truth(0, None if x_m is None else SE2(x_m, 0.0, 0.0), **settings)
+    assert has_goal(outcomes([seen], [read_as()])).tolist() == [goal]
 
 
 def test_medians_tails_and_shares_are_those_of_the_errors():

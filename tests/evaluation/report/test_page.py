@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import json
 import math
-import re
 
 import pytest
 from jinja2 import ChoiceLoader, DictLoader
@@ -62,9 +61,9 @@ def test_several_parts_are_linked_from_the_head_and_one_alone_is_not():
 
 
 def test_an_evaluation_whose_part_cannot_be_shown_is_named():
-    html = report_page([_part("fusion")], absent=["frame_error"])
-    assert "The evaluation “frame_error” was made, and its part of this page is missing or damaged" in html
-    assert "not shown" not in report_page([_part("fusion")])
+    said = "The evaluation “frame_error” was made, and its part of this page is missing or damaged"
+    assert said in report_page([_part("fusion")], absent=["frame_error"])
+    assert "was made" not in report_page([_part("fusion")])
 
 
 def test_a_part_survives_json():
@@ -76,16 +75,14 @@ def test_a_part_survives_json():
 @pytest.mark.parametrize(
     ("damage", "said"),
     [
-        ({"format": 1}, "here: a part of the report of format 1; must be 2"),
-        ({"title": None}, "here: not a part of the report; title and html must be text"),
-        ({"html": 3}, "here: not a part of the report; title and html must be text"),
+        ({"format": 1}, "a part of the report of format 1; must be 2"),
+        ({"title": None}, "not a part of the report; title and html must be text"),
+        ({"html": 3}, "not a part of the report; title and html must be text"),
     ],
 )
 def test_a_damaged_or_old_part_is_refused(damage, said):
-    with pytest.raises(StoreError, match=re.escape(said)):
+    with pytest.raises(StoreError, match=f"here: {said}"):
         ReportPart.from_json({**_part("fusion").to_json(), **damage}, key="fusion", where="here")
-    with pytest.raises(StoreError, match="here: a part of the report of format None"):
-        ReportPart.from_json({}, key="fusion", where="here")
 
 
 def test_two_sections_of_one_name_are_refused():
