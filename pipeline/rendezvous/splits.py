@@ -16,12 +16,7 @@ SPLITS = ("train", "validation", "test")
 
 
 def split_of(plan_digest: str, *, validation_fraction: float, test_fraction: float) -> str:
-    """The split of a floor plan.
-
-    Args:
-        plan_digest: `Floorplan.digest`.
-        validation_fraction, test_fraction: shares of all possible plans, together at most 1.
-    """
+    """The split of a floor plan."""
     draw = int.from_bytes(hashlib.sha256(f"split {plan_digest}".encode()).digest()[:8], "big") / 2.0**64
     if draw < test_fraction:
         return "test"

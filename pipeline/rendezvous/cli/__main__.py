@@ -98,12 +98,14 @@ def _dataset_command(name: str, about: str) -> None:
 
 def _make_dataset(run: Run) -> None:
     """Run all stages; check at the start what would make the last ones fail hours later."""
-    from rendezvous.stages.dataset.foresight import check_pictures, check_splits
+    from rendezvous.stages.render import check_pictures
 
     check_pictures(run)
     for stage in DATASET_STAGES:
         stage_function(stage)(run)
         if stage == "floorplans":
+            from rendezvous.stages.pack import check_splits
+
             check_splits(run)
 
 

@@ -38,10 +38,6 @@ _Loader.add_implicit_resolver(
 def load_file(path: str | Path, *, right: str) -> dict[str, Any]:
     """The mapping that a YAML file holds.
 
-    Args:
-        path: the file.
-        right: a description of a right file, for messages.
-
     Raises:
         ConfigError: there is no such file, or it is not a YAML mapping.
     """

@@ -101,12 +101,7 @@ def explored_plans(
 
 
 def _run(
-    plan: Floorplan,
-    walls: Sequence[Solid],
-    section: ExploreSection,
-    robot: RobotSpec,
-    seed: int,
-    number: int,
+    plan: Floorplan, walls: Sequence[Solid], section: ExploreSection, robot: RobotSpec, seed: int, number: int
 ) -> tuple[EpisodeScene, Episode]:
     """Furnish the plan, place the robots and let them explore; each step draws from its own stream."""
     key = ("explore", plan.plan_id, number)

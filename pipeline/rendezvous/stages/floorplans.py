@@ -188,10 +188,7 @@ def _marked_duplicates(
 
     Only a candidate whose key comes up again is judged here; all others are judged in their shards.
 
-    Args:
-        candidates: in order of precedence.
-        holders: by each key, the latest candidate that is no known duplicate; updated in place.
-        judge: decides whether a plan is usable.
+    `holders` has, by each key, the latest candidate that is no known duplicate; it is updated in place.
     """
 
     @cache

@@ -14,6 +14,7 @@ from rendezvous.errors import SplitError, StoreError
 from rendezvous.evaluation.dataset.card import CARD_COLUMNS
 from rendezvous.evaluation.dataset.pose_card import POSE_COLUMNS, VIEW_COLUMNS
 from rendezvous.evaluation.dataset.sampling import SHARD, located_columns
+from rendezvous.plan_schema import PLAN_COLUMNS, plan_of
 from rendezvous.schema import PAIRS, POSES, SCHEMA_VERSION, TableSchema
 from rendezvous.splits import SPLITS, split_plans
 from rendezvous.stages.dataset.dataset_card import Contents, card_files
@@ -42,19 +43,19 @@ def pack(run: Run) -> Manifest:
         raise SplitError(_nothing_to_pack(explore))
     views = _rendered(render, VIEW_COLUMNS, _VIEWS)
     poses = _rendered(render, POSE_COLUMNS, _POSES)
-    splits = _splits(section, "pairs", sightings) | (
-        {} if poses is None else _splits(section, "poses", poses)
-    )
+    splits = _splits(section, "pairs", sightings["plan_digest"].unique().to_pylist())
+    if poses is not None:
+        splits |= _splits(section, "poses", poses["plan_digest"].unique().to_pylist())
     contents = Contents(
         sightings=_with_split(sightings, splits),
         views=views,
         poses=None if poses is None else _with_split(poses, splits),
     )
+    sighted = _plans(explore.items(), contents.sightings, _views(explore, render))
+    posed = [] if contents.poses is None else _plans(render.items(_POSES), contents.poses, {})
     tasks = [
-        *_tasks(
-            section, PAIRS, _sighted_plans(explore, render, contents), partial(pairs_file, explore, render)
-        ),
-        *_tasks(section, POSES, _posed_plans(render, contents), partial(poses_file, render)),
+        *_tasks(section, PAIRS, sighted, partial(pairs_file, explore, render)),
+        *_tasks(section, POSES, posed, partial(poses_file, render)),
     ]
     card = partial(card_files, run, contents)
     return run.build("pack", tasks, layout=LAYOUT, total=len(tasks), files=card)
@@ -75,13 +76,22 @@ def _rendered(render: StageReader, columns: Sequence[str], under: str) -> pa.Tab
     return table if table is not None and table.num_rows else None
 
 
-def _splits(section: PackSection, table: str, rows: pa.Table) -> dict[str, str]:
+def check_splits(run: Run) -> None:
+    """Check early that no split would be empty if robots met on every floor plan.
+
+    Raises:
+        SplitError: one would.
+        StoreError: `floorplans` has not finished, or its output is damaged.
+    """
+    plans = run.read("floorplans").rows(columns=PLAN_COLUMNS)
+    _splits(run.config.pack, "floorplans", [plan_of(row).digest() for row in plans])
+
+
+def _splits(section: PackSection, table: str, plan_digests: Iterable[str]) -> dict[str, str]:
     """The split of each plan of a table, by its digest."""
     try:
         return split_plans(
-            rows["plan_digest"].unique().to_pylist(),
-            validation_fraction=section.validation_fraction,
-            test_fraction=section.test_fraction,
+            plan_digests, validation_fraction=section.validation_fraction, test_fraction=section.test_fraction
         )
     except SplitError as error:
         raise SplitError(f"{table}: {error}") from error
@@ -91,18 +101,11 @@ def _with_split(rows: pa.Table, splits: Mapping[str, str]) -> pa.Table:
     return rows.append_column("split", pa.array([splits[d] for d in rows["plan_digest"].to_pylist()]))
 
 
-def _sighted_plans(explore: StageReader, render: StageReader, contents: Contents) -> list[PackedPlan]:
-    """The plans on which robots met, in the order of `explore`."""
-    views = {item.item_id: item for item in render.items(_VIEWS)}
-    _check_views(explore, render)
-    return _plans(explore.items(), contents.sightings, views)
-
-
-def _check_views(explore: StageReader, render: StageReader) -> None:
-    """See that images are of these sightings: those of an earlier `explore` may have the same names.
+def _views(explore: StageReader, render: StageReader) -> dict[str, Item]:
+    """The images of the sightings, by plan.
 
     Raises:
-        StoreError: some are not.
+        StoreError: some are of an earlier `explore`, whose sightings may have the same names.
     """
     shards = render.shards(_VIEWS)
     taken_of = {plan_id: digest for shard in shards for plan_id, digest in shard.inputs.items.items()}
@@ -112,11 +115,7 @@ def _check_views(explore: StageReader, render: StageReader) -> None:
                 f"{render.root}: its images of {item.item_id!r} were not taken of the sightings in "
                 f"{explore.root}; run `rendezvous render` again"
             )
-
-
-def _posed_plans(render: StageReader, contents: Contents) -> list[PackedPlan]:
-    """The plans that have training images, in the order of `render`."""
-    return [] if contents.poses is None else _plans(render.items(_POSES), contents.poses, {})
+    return {item.item_id: item for item in render.items(_VIEWS)}
 
 
 def _plans(items: Iterable[Item], rows: pa.Table, views: Mapping[str, Item]) -> list[PackedPlan]:

@@ -10,7 +10,7 @@ from typing import Any
 
 from rendezvous.engine.run import Run, Task, part_name
 from rendezvous.errors import ConfigError, StoreError
-from rendezvous.rendering.opengl.gl import renderer_name
+from rendezvous.rendering.opengl.gl import check_libraries, renderer_name
 from rendezvous.rendering.robot_model import check_inside_cuboid, robot_parts
 from rendezvous.robot_file import load_robot, load_robot_model
 from rendezvous.schema import POSES, VIEWS
@@ -47,6 +47,20 @@ def render(run: Run) -> Manifest:
         *(_pose_tasks(job, meshes, shared) if section.poses_per_plan else ()),
     ]
     return run.build("render", tasks, layout=LAYOUT, total=len(tasks), prepare=partial(_say_renderer, run))
+
+
+def check_pictures(run: Run) -> None:
+    """Check early that `render` has what it needs, if it has anything to do.
+
+    Raises:
+        ConfigError: the robot has no model, or there are no photos.
+        SetupError: a system library is missing.
+    """
+    section = run.config.render
+    if section.views or section.poses_per_plan:
+        check_libraries()
+        load_robot_model(run.config.explore.robot)
+        photo_folder(section.backgrounds)
 
 
 def _say_renderer(run: Run) -> None:

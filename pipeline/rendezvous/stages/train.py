@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from pathlib import Path
 
 from rendezvous.alignment.window import WINDOW_CELL_M
 from rendezvous.engine.run import Run
 from rendezvous.stages.training.calibrate import LEAST_PAIRS, calibrate
 from rendezvous.stages.training.train_record import WEIGHTS
-from rendezvous.stages.training.training_run import about_run, joined_processes, train_in_folder
+from rendezvous.stages.training.training_run import joined_processes, train_in_folder
 from rendezvous.training.frame_error.data import TrainingBatches, validation_batches
 from rendezvous.training.frame_error.pairs import read_pairs
 from rendezvous.training.frame_error.registry import DEFAULT_MODEL, build_model
@@ -32,37 +33,23 @@ def train(run: Run, *, out: Path | None = None, resume: bool = False) -> Path:
         StoreError: the dataset or the checkpoint is missing or damaged, or the folder holds another run.
     """
     section, reader, seed = run.config.train, run.read("pack"), run.config.seed
-    folder = out or Path(run.config.stages["train"].writes) / section.model
     with joined_processes(run.workers) as processes:
         model = build_model(section.model, section.settings, section.sampling, seed=seed)
         pairs = {split: read_pairs(reader, split) for split in ("train", "validation")}
         measured = validation_batches(
             pairs["validation"], section.sampling, seed=seed, count=section.validation_pairs, batch_size=16
         )
-        train_in_folder(
+        folder = train_in_folder(
             run,
             section,
-            folder,
             model,
-            about_run(
-                run,
-                section,
-                pairs,
-                rows="pairs",
-                model=section.model,
-                network=model.config(),
-                sampling=section.sampling,
-            ),
-            TrainingBatches(
-                pairs["train"],
-                section.sampling,
-                seed=seed,
-                batch_size=section.optimisation.batch_size,
-                rank=processes.rank,
-                processes=processes.count,
-            ),
+            pairs,
+            partial(TrainingBatches, pairs["train"], section.sampling),
             FrameErrorValidation(batches=measured, device=processes.device, seed=seed),
+            name=section.model,
             rows="pairs",
+            sampling=section.sampling,
+            out=out,
             resume=resume,
             processes=processes,
         )

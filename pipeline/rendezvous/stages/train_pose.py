@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import safetensors
 import safetensors.torch
 from torch import Tensor
 
-from rendezvous.config.sections import TrainPoseSection
 from rendezvous.engine.run import Run
 from rendezvous.errors import ConfigError, StoreError
 from rendezvous.stages.training.calibrate_pose import LEAST_ROWS, calibrate_pose
 from rendezvous.stages.training.train_record import WEIGHTS
-from rendezvous.stages.training.training_run import about_run, joined_processes, train_in_folder
+from rendezvous.stages.training.training_run import joined_processes, train_in_folder
 from rendezvous.store.disk import Disk
 from rendezvous.training.relative_pose.data import PoseTrainingBatches, validation_samples
-from rendezvous.training.relative_pose.model import POSE_MODEL, PoseModel, build_pose_model
+from rendezvous.training.relative_pose.model import POSE_MODEL, build_pose_model
 from rendezvous.training.relative_pose.poses import KIND, read_poses
 from rendezvous.training.relative_pose.validation import PoseValidation
 
@@ -37,38 +37,26 @@ def train_pose(run: Run, *, out: Path | None = None, resume: bool = False) -> Pa
         StoreError: the dataset or the checkpoint is missing or damaged, or the folder holds another run.
     """
     section, reader, seed = run.config.train_pose, run.read("pack"), run.config.seed
-    folder = out or Path(run.config.stages["train_pose"].writes) / POSE_MODEL
+    where = section.initial_features
+    features = None if where is None else _features(where)
     with joined_processes(run.workers) as processes:
-        model = _fresh_model(section, seed=seed)
+        model = build_pose_model(section.settings, seed=seed, initial_features=features, where=where or "")
         training, validation = (read_poses(reader, split) for split in ("train", "validation"))
         samples = validation_samples(validation, section.sampling, seed=seed, count=section.validation_images)
-        train_in_folder(
+        folder = train_in_folder(
             run,
             section,
-            folder,
             model,
-            about_run(
-                run,
-                section,
-                {"train": training, "validation": validation},
-                rows=KIND,
-                model=POSE_MODEL,
-                network=model.config(),
-                robot=training.robot().as_dict(),
-                sampling=section.sampling,
-            ),
-            PoseTrainingBatches(
-                training,
-                section.sampling,
-                seed=seed,
-                batch_size=section.optimisation.batch_size,
-                rank=processes.rank,
-                processes=processes.count,
-            ),
+            {"train": training, "validation": validation},
+            partial(PoseTrainingBatches, training, section.sampling),
             PoseValidation(samples=samples, sampling=section.sampling, device=processes.device),
+            name=POSE_MODEL,
             rows=KIND,
+            sampling=section.sampling,
+            out=out,
             resume=resume,
             processes=processes,
+            robot=training.robot().as_dict(),
         )
     if processes.first:
         _calibrate(run, len(validation), folder)
@@ -88,12 +76,6 @@ def _calibrate(run: Run, validation_rows: int, folder: Path) -> None:
         calibrate_pose(weights, dataset, seed=run.config.seed, threads=run.workers, console=run.console)
     except (ConfigError, StoreError) as error:
         run.say(f"calibrate: left out, {error}")
-
-
-def _fresh_model(section: TrainPoseSection, *, seed: int) -> PoseModel:
-    where = section.initial_features
-    features = None if where is None else _features(where)
-    return build_pose_model(section.settings, seed=seed, initial_features=features, where=where or "")
 
 
 def _features(path: str) -> dict[str, Tensor]:

@@ -29,9 +29,7 @@ class Item:
 class StageReader:
     """One stage's output. It is small to pickle: workers read what their shards need.
 
-    Attributes:
-        root: the stage's folder, a local path or a URI.
-        stage: the command that makes it, for messages.
+    `stage` names the command that makes it, for messages.
     """
 
     root: str
@@ -90,10 +88,7 @@ class StageReader:
     ) -> Iterator[dict[str, Any]]:
         """Rows as dictionaries, one shard in memory at a time.
 
-        Args:
-            items: whose rows to read, in this order; all by default.
-            item_column: column of the items' ids.
-            columns: to read; all by default.
+        Those of `items`, in this order, or all.
         """
         if items is None:
             for shard in self.shards():

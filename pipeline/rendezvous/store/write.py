@@ -43,13 +43,7 @@ RECORDED_PACKAGES = (
 
 @dataclass(slots=True)
 class StageWriter:
-    """Writes one stage's folder. The run's own process plans and finishes; workers write shards.
-
-    Attributes:
-        root: the stage's folder, a local path or a URI.
-        stage: the stage's name.
-        layout: of its Parquet files.
-    """
+    """Writes one stage's folder. The run's own process plans and finishes; workers write shards."""
 
     root: str
     stage: str

@@ -45,9 +45,7 @@ class NumberedBatches(Dataset[AnyBatch], ABC, Generic[AnySample, AnyBatch]):
 
     Any number of workers and processes, and a run that was killed and resumes, see the same samples.
 
-    Attributes:
-        batch_size: samples of this process in a batch.
-        rank, processes: number of this process among those that share each step, and their count.
+    `rank` is the number of this process among the `processes` that share each step.
     """
 
     def __init__(self, *, seed: int, batch_size: int, rank: int = 0, processes: int = 1) -> None:
@@ -75,14 +73,7 @@ def evenly_spread(rows: Sequence[int], count: int) -> list[int]:
 def training_loader(
     batches: Dataset[AnyBatch], *, first_step: int, workers: int, pin_memory: bool
 ) -> DataLoader[AnyBatch]:
-    """Endless batches in order.
-
-    Args:
-        batches: by the number of the step.
-        first_step: number of the first batch.
-        workers: processes that draw samples; with 0 the training process draws them itself.
-        pin_memory: for copies to a GPU.
-    """
+    """Endless batches in order."""
     return DataLoader(
         batches,
         batch_size=None,

@@ -42,12 +42,7 @@ class Checkpoint:
 
 
 def checkpoint_bytes(state: TrainingState[Any], about: Mapping[str, Any]) -> bytes:
-    """The whole state of a run.
-
-    Args:
-        state: between two steps.
-        about: the run's model, data and parameters.
-    """
+    """The whole state of a run."""
     moments = {
         f"optimizer.{index}.{name}": value
         for index, values in state.optimizer.state_dict()["state"].items()

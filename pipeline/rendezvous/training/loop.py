@@ -90,15 +90,8 @@ def fit(
 ) -> None:
     """Train until the budget is spent.
 
-    Args:
-        state: where to begin; changed in place.
-        batches: of this process, from number `state.step` on.
-        optimisation: its parameters.
-        budget: when to end.
-        seed: of the draws that models make from PyTorch's generator in a step.
-        processes: this process among those that train together.
-        observer: called after each step.
-        clock: time [s] from any origin.
+    `state` is changed in place; `batches` begin with number `state.step`; `clock` gives seconds from any
+    origin.
 
     Raises:
         ConfigError: the loss is not finite.
@@ -182,14 +175,7 @@ def learning_rate(spent: float, optimisation: Optimisation, *, highest: float) -
 
 @torch.no_grad()
 def update_average(average: nn.Module, model: nn.Module, *, step: int, decay: float) -> None:
-    """Move the average towards the model; faster early on, so that the first weights are forgotten.
-
-    Args:
-        average: changed in place.
-        model: after step number `step`, the first being 1.
-        step: number of steps taken.
-        decay: share of the average that is kept at a late step.
-    """
+    """Move the average towards the model; faster early on, so that the first weights are forgotten."""
     kept = min(decay, step / (10.0 + step))
     torch._foreach_lerp_(list(average.parameters()), list(model.parameters()), 1.0 - kept)
     for mine, theirs in zip(average.buffers(), model.buffers(), strict=True):

@@ -17,12 +17,7 @@ SPLIT_NAMES = ("train", "validation", "test")
 
 
 class PublishedRows:
-    """The rows of one split; compressed columns stay so until they are needed.
-
-    Attributes:
-        split: its name.
-        table: the columns that were read.
-    """
+    """The rows of one split; compressed columns stay so until they are needed."""
 
     def __init__(self, split: str, table: pa.Table) -> None:
         self.split, self.table = split, table
@@ -45,12 +40,6 @@ class PublishedRows:
 
 def read_split(reader: StageReader, kind: str, split: str, *, columns: Sequence[str]) -> list[pa.Table]:
     """These columns, in this order, of each file of a split.
-
-    Args:
-        reader: of the published dataset.
-        kind: `pairs` or `poses`.
-        split: one of `SPLIT_NAMES`.
-        columns: their names.
 
     Raises:
         StoreError: the folder holds no such rows, or a file is missing or damaged or lacks a column.

@@ -23,15 +23,7 @@ def item_tasks(
     version: int,
     under: str = "",
 ) -> Iterator[Task]:
-    """One task for each batch.
-
-    Args:
-        batches: the items of each shard.
-        make: makes the shard; picklable.
-        table: the rows that it makes.
-        parameters, seed, version: as in `Inputs`.
-        under: subfolder for the shards, ending in a slash.
-    """
+    """One task for each batch."""
     for index, batch in enumerate(batches):
         inputs = Inputs(
             parameters=parameters,

@@ -20,11 +20,7 @@ SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp")
 
 @dataclass(frozen=True, slots=True)
 class PhotoFolder(Sequence[Image]):
-    """The photos of a folder, each read when it is asked for, so that thousands fit in memory.
-
-    Attributes:
-        paths: sorted.
-    """
+    """The photos of a folder, each read when it is asked for, so that thousands fit in memory."""
 
     paths: tuple[Path, ...]
 

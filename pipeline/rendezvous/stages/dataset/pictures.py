@@ -27,7 +27,7 @@ from rendezvous.rendering.plan_scene import RoomLooks, draw_room_looks
 from rendezvous.rendering.randomise import Drawn, draw_plausible, room_scene
 from rendezvous.rendering.robot_model import robot_parts
 from rendezvous.rendering.scene import Material
-from rendezvous.rendering.studio import Picture, Studio
+from rendezvous.rendering.studio import Studio
 from rendezvous.rendering.viewpoints import FurnishedPlan, furnished_plan
 from rendezvous.robot_file import load_robot, load_robot_model
 from rendezvous.schema import POSES, VIEWS
@@ -37,28 +37,13 @@ from rendezvous.store.read import Item, StageReader
 from rendezvous.store.records import Quarantined, Shard
 
 _WALLS = (*PLAN_COLUMNS, "wall_height_m")
-_SIGHTING = (
-    "pair_id",
-    "plan_id",
-    "episode_id",
-    "T_w_m0",
-    "T_w_m1",
-    "T_m0_r0_true",
-    "T_m1_r1_true",
-    "furniture",
-)
+_TRUE_POSES = ("T_w_m0", "T_w_m1", "T_m0_r0_true", "T_m1_r1_true")
+_SIGHTING = ("pair_id", "plan_id", "episode_id", *_TRUE_POSES, "furniture")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RenderJob:
-    """What all images of a run share; small to pickle.
-
-    Attributes:
-        seed: root seed.
-        robot: name or file of the robots.
-        section: the stage's parameters.
-        photos: backgrounds for `free` images.
-    """
+    """What all images of a run share; small to pickle."""
 
     seed: int
     robot: str
@@ -157,10 +142,7 @@ def _furnished(job: RenderJob, plan: Floorplan, wall_height_m: float) -> Iterato
     for furnishing, group in groupby(numbers, key=lambda number: number // section.poses_per_furnishing):
         rng = stream(job.seed, "render", "furniture", plan.plan_id, furnishing)
         furniture = furnish(
-            plan,
-            rng,
-            density=section.furniture_density,
-            robot_radius_m=job.studio().robot.radius_m,
+            plan, rng, density=section.furniture_density, robot_radius_m=job.studio().robot.radius_m
         )
         place = furnished_plan(plan, furniture, wall_height_m=wall_height_m)
         for number in group:
@@ -198,13 +180,7 @@ def _drawn_pose(job: RenderJob, place: FurnishedPlan, mode: str, rng: np.random.
     if mode == "plausible":
         return draw_plausible(rng, place, studio.looks, studio.robot, section.draws, variants=variants)
     return draw_free(
-        rng,
-        studio.looks,
-        studio.camera,
-        studio.textures,
-        section.draws,
-        variants=variants,
-        photos=job.photos,
+        rng, studio.looks, studio.camera, studio.textures, section.draws, variants=variants, photos=job.photos
     )
 
 
@@ -219,17 +195,11 @@ def _mode(job: RenderJob, plan_id: str, number: int) -> str:
 def _image_row(job: RenderJob, drawn: Drawn, more: Mapping[str, Any]) -> dict[str, Any]:
     """The columns of an image and its label; `more` is added to `drawn`."""
     picture = job.studio().take(drawn)
+    view = picture.view
     record = {**drawn.record, **more, "renderer": renderer_name()}
     return {
         "image": _encoded(picture.rgb, job.section.jpeg_quality),
         "drawn": json.dumps(record, separators=(",", ":")),
-        **_label(picture),
-    }
-
-
-def _label(picture: Picture) -> dict[str, Any]:
-    view = picture.view
-    return {
         "T_c_o": picture.T_c_o,
         "projected_cuboid_px": picture.projected_cuboid_px,
         "visibility": view.visibility,

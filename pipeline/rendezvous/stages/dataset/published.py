@@ -23,11 +23,7 @@ _VIEW_COLUMNS = tuple(column.name for column in VIEWS.columns if column.name not
 class PackedPlan:
     """A floor plan's rows of one published table.
 
-    Attributes:
-        item: the plan's rows in the output of the stage that made them.
-        view: the rows that `render` adds to them; None if there are none.
-        rows: number of rows.
-        split: of the plan.
+    `view` has the rows that `render` adds to `item`'s; None if there are none.
     """
 
     item: Item
@@ -72,13 +68,7 @@ def with_views(sightings: pa.Table, views: pa.Table) -> pa.Table:
 def pairs_at(
     explore: StageReader, render: StageReader, *, sightings: pa.Table, views: pa.Table | None
 ) -> list[dict[str, Any]]:
-    """Some complete pairs, as `PAIRS.rows` gives them.
-
-    Args:
-        explore, render: hold the rows.
-        sightings: the pairs wanted, from `located_columns`.
-        views: all views, from `located_columns`; None if there are none.
-    """
+    """Some complete pairs, as `PAIRS.rows` gives them."""
     by_pair = {}
     if views is not None:
         theirs = views.filter(pc.is_in(views["pair_id"], value_set=sightings["pair_id"].combine_chunks()))

@@ -34,14 +34,6 @@ def calibrate(
 ) -> MatcherCalibration:
     """Write a calibration into the file of a matcher's weights; the weights themselves stay the same.
 
-    Args:
-        weights: written by `train`; replaced in one step.
-        dataset: folder written by `pack`.
-        seed: of the frame errors.
-        threads: processor threads.
-        count: most validation pairs to use.
-        console: for progress and the result.
-
     Raises:
         StoreError: weights or dataset are missing or damaged.
         ConfigError: the weights are of another model, or there are too few validation pairs.

@@ -41,14 +41,6 @@ def calibrate_pose(
 
     Each image is read twice, as it is and with the robot painted over: images without a robot are few.
 
-    Args:
-        weights: written by `train-pose`; replaced in one step.
-        dataset: folder written by `pack`.
-        seed: of the draw of images.
-        threads: processor threads.
-        count: most validation images to use.
-        console: for progress and the result.
-
     Raises:
         StoreError: weights or dataset are missing or damaged.
         ConfigError: the weights are of another model, or the robot was found in too few images.

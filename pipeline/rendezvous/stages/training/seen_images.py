@@ -80,12 +80,7 @@ def read_images(
 ) -> list[SeenImage]:
     """Images of one split, in the order of the tables.
 
-    Args:
-        reader: of the published dataset.
-        split: its name.
-        kinds: from `KINDS`.
-        count: most images to draw (uniform); a larger draw contains a smaller one. None for all.
-        seed: of the draw.
+    At most `count`, drawn uniformly: a larger draw contains a smaller one.
 
     Raises:
         StoreError: there are none, or a file is missing, damaged or lacks a column.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
@@ -42,11 +42,7 @@ _MAY_CHANGE = (
 
 @contextmanager
 def joined_processes(threads: int) -> Iterator[Processes]:
-    """This process among those of one training run: alone unless torchrun started it.
-
-    Args:
-        threads: processor threads for all processes on this machine.
-    """
+    """This process among those of one training run: alone unless torchrun started it."""
     local_rank = int(os.environ.get("LOCAL_RANK", "0"))
     device = torch.device("cuda", local_rank) if torch.cuda.is_available() else torch.device("cpu")
     if device.type == "cuda":
@@ -60,16 +56,13 @@ def joined_processes(threads: int) -> Iterator[Processes]:
     dist.init_process_group("nccl" if device.type == "cuda" else "gloo")
     try:
         yield Processes(
-            rank=dist.get_rank(),
-            count=dist.get_world_size(),
-            on_this_machine=on_this_machine,
-            device=device,
+            rank=dist.get_rank(), count=dist.get_world_size(), on_this_machine=on_this_machine, device=device
         )
     finally:
         dist.destroy_process_group()
 
 
-def about_run(
+def _about_run(
     run: Run,
     section: TrainingSection,
     tables: Mapping[str, PublishedRows],
@@ -78,16 +71,7 @@ def about_run(
     sampling: object,
     **more: Any,
 ) -> dict[str, Any]:
-    """The model and the data of a run: the part of a checkpoint that never changes.
-
-    Args:
-        run: for its seed and the folder of the data.
-        section: the stage's parameters.
-        tables: rows by split.
-        rows: the table's name, such as `pairs`.
-        sampling: how samples are drawn from them.
-        more: the model's name and network, and anything else to record with its weights.
-    """
+    """The model and the data of a run: the part of a checkpoint that never changes."""
     return {
         **more,
         "sampling": asdict(sampling),  # type: ignore[call-overload]
@@ -145,34 +129,30 @@ def _check_same(record: Mapping[str, Any], about: Mapping[str, Any], where: str)
 def train_in_folder(
     run: Run,
     section: TrainingSection,
-    folder: Path,
     model: Model,
-    about: Mapping[str, Any],
-    batches: Dataset[AnyBatch],
+    tables: Mapping[str, PublishedRows],
+    batches: Callable[..., Dataset[AnyBatch]],
     validation: Validation[Model],
     *,
+    name: str,
     rows: str,
+    sampling: object,
+    out: Path | None,
     resume: bool,
     processes: Processes,
-) -> None:
+    **more: Any,
+) -> Path:
     """Train until the budget is spent; checkpoint, weights, curve and events go into the folder.
-
-    Args:
-        run: for its seed, cores and console.
-        section: the stage's parameters.
-        folder: of this training run.
-        model: with its initial weights, on the CPU.
-        about: from `about_run`.
-        batches: training samples.
-        validation: measures the averaged weights.
-        rows: the table's name, for messages.
-        resume: continue from the folder's checkpoint, if there is one.
-        processes: that share the work.
 
     Raises:
         StoreError: the folder holds another run, or its checkpoint is damaged.
         ConfigError: the checkpoint was begun with other parameters or data.
     """
+    folder = out or Path(run.config.stages[section.stage()].writes) / name
+    network = model.config()
+    about = _about_run(
+        run, section, tables, rows=rows, sampling=sampling, model=name, network=network, **more
+    )
     state = TrainingState.fresh(model.to(processes.device), section.optimisation)
     _begin_in_place(state, Disk(str(folder)), about, resume=resume)
     if processes.first:
@@ -180,10 +160,17 @@ def train_in_folder(
     budget = Budget(
         samples=section.samples, duration_s=None if section.minutes is None else 60.0 * section.minutes
     )
+    cores = run.workers // processes.on_this_machine
     loader = training_loader(
-        batches,
+        batches(
+            seed=run.config.seed,
+            batch_size=section.optimisation.batch_size,
+            rank=processes.rank,
+            processes=processes.count,
+        ),
         first_step=state.step,
-        workers=_loader_workers(run.workers // processes.on_this_machine),
+        # One keeps a CPU's network busy; a GPU takes as many as there are cores.
+        workers=max(1, cores - 1) if torch.cuda.is_available() else 1,
         pin_memory=processes.device.type == "cuda",
     )
     with Recorder(
@@ -207,6 +194,7 @@ def train_in_folder(
             clock=time.monotonic,
         )
         recorder.finish(state)
+    return folder
 
 
 def _announce(
@@ -234,8 +222,3 @@ def _announce(
     )
     if state.step:
         run.say(f"train {name}: goes on from {state.samples} samples, {state.elapsed_s:.0f} s")
-
-
-def _loader_workers(cores: int) -> int:
-    """Processes that draw samples: one keeps a CPU's network busy; a GPU takes as many as there are cores."""
-    return max(1, cores - 1) if torch.cuda.is_available() else 1

@@ -126,10 +126,6 @@ def trained(selected: SelectedMethod, *, threads: int) -> Trained:
 def training_of(selected: SelectedMethod, record: Mapping[str, Any]) -> Training:
     """The training of a network.
 
-    Args:
-        selected: with weights.
-        record: from the weights' file.
-
     Raises:
         StoreError: the curve beside the weights is damaged, or the record is of something else.
     """
@@ -154,12 +150,7 @@ def training_of(selected: SelectedMethod, record: Mapping[str, Any]) -> Training
 
 
 def plans_trained_on(record: Mapping[str, Any], plans: Mapping[str, str]) -> int | None:
-    """How many of the floor plans a network was trained on; None if its record does not say.
-
-    Args:
-        record: from the weights' file; holds the first digits of its plans' digests.
-        plans: digests by the plan's id.
-    """
+    """How many of the floor plans a network was trained on; None if its record does not say."""
     known = record["data"].get("plan_digests")
     return None if known is None else sum(trained_on(record, digest) for digest in plans.values())
 

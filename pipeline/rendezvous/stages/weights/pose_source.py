@@ -48,12 +48,7 @@ class PoseSource(Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PoseWeights:
-    """Weights written by `rendezvous train-pose`.
-
-    Attributes:
-        path: their file.
-        digest: SHA-256 of that file.
-    """
+    """Weights written by `rendezvous train-pose`."""
 
     path: Path
     digest: str
@@ -97,12 +92,6 @@ def require_known_robot(
     instead: str,
 ) -> None:
     """Check that weights were trained on this robot, by its cuboid.
-
-    Args:
-        record: of the weights' training.
-        size_m: sides of the robot's cuboid.
-        T_r1_o: (4, 4) pose of the cuboid on the robot.
-        weights, whose, instead: for the message: the weights' file, whose cuboid it is, what else would help.
 
     Raises:
         ConfigError: they were trained on another robot.

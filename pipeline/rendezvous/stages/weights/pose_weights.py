@@ -17,10 +17,6 @@ from rendezvous.training.relative_pose.model import POSE_MODEL, PoseModel
 def load_relative_pose(data: bytes, *, where: str) -> RelativePoseEstimator:
     """The estimator with these weights.
 
-    Args:
-        data: a file of weights written by `train-pose`.
-        where: the file's name, for messages.
-
     Raises:
         StoreError: the file is damaged.
         ConfigError: the weights are of another model, or their record is incomplete.

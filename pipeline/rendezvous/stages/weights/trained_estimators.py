@@ -35,10 +35,7 @@ from rendezvous.training.parameters import Sampling
 class Trained:
     """A trained method.
 
-    Attributes:
-        estimator: window in, frame error out.
-        record: of the training, from the weights file.
-        attention: gives the attention over a window's patches, (P, P); None for a network without attention.
+    `attention` gives that over a window's patches, (P, P); None for a network without it.
     """
 
     estimator: FrameErrorEstimator
@@ -79,13 +76,6 @@ class RememberingMatcher(MatcherEstimator):
 
 def load(data: bytes, name: str, search: SearchRange, *, where: str, threads: int) -> Trained:
     """The trained method with these weights.
-
-    Args:
-        data: a weights file written by `train`.
-        name: the method; the weights must be of its model.
-        search: range of the search, for a model that searches.
-        where: the file's name, for messages.
-        threads: processor threads that the network may use.
 
     Raises:
         StoreError: the file is damaged.

@@ -71,15 +71,7 @@ class TrainingBatches(NumberedBatches[PerturbedPair, Batch]):
 def validation_batches(
     pairs: PairTable, sampling: Sampling, *, seed: int, count: int, batch_size: int
 ) -> list[Batch]:
-    """Pairs as they are, evenly spread over the split, each under its fixed perturbation.
-
-    Args:
-        pairs: the split.
-        sampling: the range and the window.
-        seed: of the perturbations.
-        count: most pairs.
-        batch_size: samples in a batch.
-    """
+    """Pairs as they are, evenly spread over the split, each under its fixed perturbation."""
     samples = [
         perturbed_pair(
             pair,
@@ -98,7 +90,5 @@ def _batch(samples: list[PerturbedPair]) -> Batch:
     sight = [np.zeros_like(w.cells) if w.sight is None else w.sight for w in windows]
     theta = np.array([sample.theta_v.as_array() for sample in samples], np.float32)
     return Batch(
-        cells=torch.from_numpy(cells),
-        sight=torch.from_numpy(np.stack(sight)),
-        theta=torch.from_numpy(theta),
+        cells=torch.from_numpy(cells), sight=torch.from_numpy(np.stack(sight)), theta=torch.from_numpy(theta)
     )

@@ -13,22 +13,9 @@ from rendezvous.store.read import StageReader
 from rendezvous.training.published_rows import SPLIT_NAMES as SPLIT_NAMES
 from rendezvous.training.published_rows import PublishedRows, number_rows, read_split
 
-COLUMNS = (
-    "pair_id",
-    "plan_id",
-    "plan_digest",
-    "seed",
-    "map_0",
-    "map_1",
-    "origin_0",
-    "origin_1",
-    "resolution_m",
-    "T_m0_r0",
-    "T_m1_r1",
-    "T_m0_m1_local",
-    "overlap",
-)
 _POSES = ("origin_0", "origin_1", "T_m0_r0", "T_m1_r1", "T_m0_m1_local")
+_MAPS = ("map_0", "map_1")
+COLUMNS = ("pair_id", "plan_id", "plan_digest", "seed", *_MAPS, *_POSES, "resolution_m", "overlap")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -64,7 +51,7 @@ class PairTable(PublishedRows):
     def __init__(self, split: str, table: pa.Table) -> None:
         super().__init__(split, table.combine_chunks())
         self._poses = {name: number_rows(self.table[name], width=3) for name in _POSES}
-        self._maps = [_pngs(self.table[name]) for name in ("map_0", "map_1")]
+        self._maps = [pa.concat_arrays(self.table[name].chunks).field("bytes") for name in _MAPS]
         self._pair_ids: list[str] = self.table["pair_id"].to_pylist()
         self._resolution_m = self.table["resolution_m"].to_numpy()
         self.overlap: Array = self.table["overlap"].to_numpy()
@@ -97,7 +84,3 @@ def read_pairs(dataset: StageReader | str | Path, split: str) -> PairTable:
     """
     reader = dataset if isinstance(dataset, StageReader) else StageReader(str(dataset), "pack")
     return PairTable(split, pa.concat_tables(read_split(reader, "pairs", split, columns=COLUMNS)))
-
-
-def _pngs(column: pa.ChunkedArray) -> pa.Array:
-    return pa.concat_arrays(column.chunks).field("bytes")

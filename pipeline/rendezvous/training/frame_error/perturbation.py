@@ -63,12 +63,7 @@ class PerturbationRange:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Perturbation:
-    """A frame error and a heading of the window.
-
-    Attributes:
-        theta_c: the frame error at the meeting point, in the axes of m0.
-        rotation_rad: heading of the window frame v in m0.
-    """
+    """A frame error at the meeting point in the axes of m0, and the heading of the window frame v in m0."""
 
     theta_c: SE2
     rotation_rad: float
@@ -106,19 +101,9 @@ def evaluation_perturbation(pair_id: str, range_: PerturbationRange, *, seed: in
 
 
 def perturbed_pair(
-    pair: MapPair,
-    perturbation: Perturbation,
-    *,
-    cells: int = WINDOW_CELLS,
-    cell_m: float = WINDOW_CELL_M,
+    pair: MapPair, perturbation: Perturbation, *, cells: int = WINDOW_CELLS, cell_m: float = WINDOW_CELL_M
 ) -> PerturbedPair:
-    """Place map 1 wrongly and draw the window around where that puts robot 1.
-
-    Args:
-        pair: the maps and their true transform.
-        perturbation: the frame error and the window's heading.
-        cells, cell_m: the window's cells along a side, and their side [m].
-    """
+    """Place map 1 wrongly and draw the window around where that puts robot 1."""
     T_estimated, T_m0_c = perturbed(pair.T_m0_m1, pair.T_m0_r1, perturbation.theta_c)
     T_m0_v = T_m0_c @ SE2(0.0, 0.0, perturbation.rotation_rad)
     return PerturbedPair(

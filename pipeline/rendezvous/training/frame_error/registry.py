@@ -71,11 +71,6 @@ def build_model(name: str, settings: Mapping[str, Any], sampling: Sampling, *, s
 def rebuilt_model(name: str, config: Mapping[str, Any], sampling: Sampling) -> FrameErrorModel:
     """The model of trained weights, whatever the defaults are by now.
 
-    Args:
-        name: one of `MODEL_NAMES`.
-        config: from `FrameErrorModel.config`.
-        sampling: the one it was trained with.
-
     Raises:
         ConfigError: the config is not of this model.
     """
@@ -113,11 +108,7 @@ class FrameErrorModel(TrainableModel[Batch]):
 
     @abstractmethod
     def theta(self, cells_B2NN: Tensor, sight_B2NN: Tensor) -> Tensor:
-        """(B, 3) float32 estimated frame error: x [m], y [m], yaw [rad].
-
-        Args:
-            cells_B2NN, sight_B2NN: as in `Batch`.
-        """
+        """(B, 3) float32 estimated frame error: x [m], y [m], yaw [rad]."""
 
 
 class PaperModel(FrameErrorModel):

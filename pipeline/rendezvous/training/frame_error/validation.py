@@ -18,13 +18,7 @@ from rendezvous.training.frame_error.registry import FrameErrorModel
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrameErrorValidation:
-    """Measures models on fixed pairs.
-
-    Attributes:
-        batches: of the pairs.
-        device: where the models are.
-        seed: of the draws that the loss itself may make from PyTorch's generator.
-    """
+    """Measures models on fixed pairs."""
 
     batches: Sequence[Batch]
     device: torch.device

@@ -17,18 +17,11 @@ _ANYWHERE = 0.3
 
 
 def augmented_image(
-    image: Image,
-    box_px: Array,
-    parameters: ImageAugmentation,
-    rng: np.random.Generator,
+    image: Image, box_px: Array, parameters: ImageAugmentation, rng: np.random.Generator
 ) -> Image:
     """The augmented input (H, W, 3) uint8; same size.
 
-    Args:
-        image: of the look.
-        box_px: (2, 2) lowest and highest u, v of the box that patches may hide parts of.
-        parameters: how often and how much.
-        rng: draws.
+    Patches may hide parts of the box (2, 2), its lowest and highest u, v.
     """
     if rng.random() < parameters.patch_share:
         image = _with_patches(image, box_px, parameters, rng)

@@ -45,10 +45,7 @@ class PoseBatch(TypedDict):
 class PoseSample:
     """One input.
 
-    Attributes:
-        image: (H, W, 3) uint8.
-        uv_px: (9, 2) the cuboid's points in the input; NaN in an input without the robot.
-        close: whether it is a close look.
+    `uv_px` (9, 2) are the cuboid's points in the input; NaN in an input without the robot.
     """
 
     image: Image
@@ -135,12 +132,6 @@ def validation_samples(
 ) -> list[PoseSample]:
     """Looks at images as they are, evenly spread over the split: at each a close, a wide one and one
     elsewhere.
-
-    Args:
-        poses: the split.
-        sampling: of looks.
-        seed: of the looks.
-        count: most images.
     """
     looker = _Looker(poses, sampling)
     samples = list[PoseSample]()
@@ -164,14 +155,10 @@ def pose_batch(samples: Sequence[PoseSample], sampling: PoseSampling) -> PoseBat
 
 
 def target_maps(uv_px: Array, sampling: PoseSampling) -> tuple[Maps, Maps]:
-    """(9, h, w) belief maps and (16, h, w) vector fields of one robot.
+    """(9, h, w) belief maps and (16, h, w) vector fields of one robot, from its points (9, 2) [px] or NaN.
 
     A point near the border has its peak cut off there, unlike in `belief_maps`, which leaves it out: the
     robot is to be found at the edge of an image as well. Points beyond the input have none.
-
-    Args:
-        uv_px: (9, 2) the cuboid's points in the input; NaN for none.
-        sampling: size of the input, of peaks and of discs.
     """
     side_px, reach = sampling.input_px, int(2.0 * sampling.belief_sigma_cells)
     inside = np.all((uv_px >= -0.5) & (uv_px < side_px - 0.5), axis=1, keepdims=True)

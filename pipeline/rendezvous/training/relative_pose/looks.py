@@ -1,4 +1,7 @@
-"""Where looks at an image are drawn: wide ones, close ones, and ones that miss the robot."""
+"""Where looks at an image are drawn: wide ones, close ones, and ones that miss the robot.
+
+`uv_px` (9, 2) [px] are the points of the robot's cuboid in the image, NaN where there is none.
+"""
 
 from __future__ import annotations
 
@@ -23,14 +26,7 @@ def span_px(uv_px: Array) -> float:
 def draw_wide_look(
     size_px: tuple[int, int], uv_px: Array, sampling: PoseSampling, rng: np.random.Generator
 ) -> Look:
-    """A look with the centroid anywhere but little beyond the image: uniform; the span is log-uniform.
-
-    Args:
-        size_px: the image's width and height.
-        uv_px: (9, 2) the cuboid's points in the image.
-        sampling: bounds of span and scale, and the input's size.
-        rng: draws.
-    """
+    """A look with the centroid anywhere but little beyond the image: uniform; the span is log-uniform."""
     bounds_px = np.log([sampling.least_span_px, sampling.greatest_span_px])
     scale = float(np.exp(rng.uniform(*bounds_px))) / span_px(uv_px)
     place = rng.uniform(-0.5, sampling.input_px - 0.5, 2)
@@ -38,13 +34,7 @@ def draw_wide_look(
 
 
 def draw_close_look(uv_px: Array, sampling: PoseSampling, rng: np.random.Generator) -> Look:
-    """A look with the robot's box in the middle, at the span for measuring; both with normal errors.
-
-    Args:
-        uv_px: (9, 2) the cuboid's points in the image.
-        sampling: the span and the errors.
-        rng: draws.
-    """
+    """A look with the robot's box in the middle, at the span for measuring; both with normal errors."""
     middle = 0.5 * (uv_px[:8].min(axis=0) + uv_px[:8].max(axis=0))
     place = 0.5 * (sampling.input_px - 1) + rng.normal(0.0, sampling.close_jitter_px, 2)
     scale = sampling.close_span_px / span_px(uv_px)
@@ -58,14 +48,7 @@ def draw_look_elsewhere(
 
     Every other one stays on the image as far as possible.
 
-    Args:
-        size_px: the image's width and height.
-        uv_px: (9, 2) the cuboid's points; NaN where there is none.
-        sampling: bounds of the scale.
-        rng: draws.
-
-    Returns:
-        None where the robot leaves hardly any room for one.
+    None where the robot leaves hardly any room for one.
     """
     margin_px = _MARGIN * span_px(uv_px)
     low, high = uv_px.min(axis=0) - margin_px, uv_px.max(axis=0) + margin_px

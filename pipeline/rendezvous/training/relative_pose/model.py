@@ -82,11 +82,7 @@ def build_pose_model(
 ) -> PoseModel:
     """The network with fresh weights, on the CPU.
 
-    Args:
-        settings: values of `RelativePoseConfig` that differ from the defaults.
-        seed: of its first weights.
-        initial_features: VGG-19's, by torchvision's names `features.0.weight`, ...; others are ignored.
-        where: their file, for messages.
+    `initial_features` are VGG-19's by torchvision's names `features.0.weight`, ...; others are ignored.
 
     Raises:
         ConfigError: a setting is wrong, or the features do not fit.

@@ -19,18 +19,9 @@ from rendezvous.store.read import StageReader
 from rendezvous.training.published_rows import PublishedRows, number_rows, read_split
 
 KIND = "poses"
-COLUMNS = (
-    "pose_id",
-    "plan_digest",
-    "seed",
-    "mode",
-    "image",
-    "robot",
-    "cuboid_size_m",
-    "T_r1_o",
-    "projected_cuboid_px",
-    "visibility",
-)
+_ROBOT = ("robot", "cuboid_size_m", "T_r1_o")
+_LABEL = ("projected_cuboid_px", "visibility")
+COLUMNS = ("pose_id", "plan_digest", "seed", "mode", "image", *_ROBOT, *_LABEL)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -37,13 +37,7 @@ _ZOOM = 2
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PoseValidation:
-    """Measures networks on fixed looks.
-
-    Attributes:
-        samples: the looks, at least one of them close.
-        sampling: of their maps.
-        device: where the networks are.
-    """
+    """Measures networks on fixed looks."""
 
     samples: Sequence[PoseSample]
     sampling: PoseSampling
@@ -104,10 +98,7 @@ def _beliefs(model: PoseModel, samples: Sequence[PoseSample], device: torch.devi
 def sheet(samples: Sequence[PoseSample], beliefs: Sequence[Maps], *, columns: int) -> Image:
     """(H, W, 3) uint8: the samples row by row.
 
-    Args:
-        samples: inputs of one size.
-        beliefs: (9, h, w) of each: corners are yellow, the centroid red, the true cuboid thin lines.
-        columns: of the sheet.
+    Corners are yellow, the centroid red, the true cuboid thin lines.
     """
     panels = [_panel(sample, belief) for sample, belief in zip(samples, beliefs, strict=True)]
     panels += [np.zeros_like(panels[0])] * (-len(panels) % columns)
