@@ -20,9 +20,8 @@ from rendezvous.training.batches import training_loader
 from rendezvous.training.frame_error.data import Batch, TrainingBatches
 from rendezvous.training.frame_error.pairs import PairTable
 from rendezvous.training.frame_error.registry import DEFAULT_MODEL, build_model
-from rendezvous.training.loop import Step, TrainingState, fit
+from rendezvous.training.loop import Processes, Step, TrainingState, fit
 from rendezvous.training.parameters import Budget, Optimisation, Sampling
-from rendezvous.training.processes import Processes
 
 STEPS, WARM_UP_STEPS, PAIRS = 16, 2, 64
 

@@ -12,9 +12,8 @@ from rendezvous.training.batches import training_loader
 from rendezvous.training.checkpoint import checkpoint_bytes, read_checkpoint, restore_in_place
 from rendezvous.training.frame_error.data import TrainingBatches
 from rendezvous.training.frame_error.pairs import PairTable
-from rendezvous.training.loop import TrainingState, adamw, fit, learning_rate, update_average
+from rendezvous.training.loop import Processes, TrainingState, adamw, fit, learning_rate, update_average
 from rendezvous.training.parameters import Budget, Optimisation
-from rendezvous.training.processes import Processes
 
 from tests.training.tiny import SAMPLING, Losses, tiny_model
 

@@ -13,8 +13,7 @@ from rendezvous.stages.training.train_record import WEIGHTS
 from rendezvous.stages.training.training_run import joined_processes, train_in_folder
 from rendezvous.training.frame_error.data import TrainingBatches, validation_batches
 from rendezvous.training.frame_error.pairs import read_pairs
-from rendezvous.training.frame_error.registry import DEFAULT_MODEL, build_model
-from rendezvous.training.frame_error.validation import FrameErrorValidation
+from rendezvous.training.frame_error.registry import DEFAULT_MODEL, FrameErrorValidation, build_model
 
 
 def train(run: Run, *, out: Path | None = None, resume: bool = False) -> Path:

@@ -4,19 +4,108 @@ from __future__ import annotations
 
 import copy
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
-from typing import Any, Generic, Protocol, TypeVar
+from dataclasses import asdict, dataclass, field
+from functools import partial
+from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
 import torch
 from torch import Tensor, nn
+from torch import distributed as dist
+from torch.nn.parallel import DistributedDataParallel
 
 from rendezvous.errors import ConfigError
 from rendezvous.seeds import stream
 from rendezvous.training.batches import AnyBatch, moved, samples_in
-from rendezvous.training.model import CurvePoint, TrainableModel
 from rendezvous.training.parameters import Budget, Optimisation
-from rendezvous.training.processes import Processes
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CurvePoint(ABC):
+    """A point of the training curve; each kind of model adds its own errors.
+
+    Attributes:
+        samples: seen so far.
+        elapsed_s: time in training, validation included.
+        training_loss: mean since the last point.
+        validation_loss: of the averaged weights.
+    """
+
+    samples: int
+    elapsed_s: float
+    training_loss: float
+    validation_loss: float
+
+    def as_dict(self) -> dict[str, float | None]:
+        """Values by field; None where there is no value."""
+        return asdict(self)
+
+    @abstractmethod
+    def summary(self) -> str:
+        """One line for the terminal."""
+
+
+class TrainableModel(nn.Module, ABC, Generic[AnyBatch]):
+    """A network and its loss.
+
+    Attributes:
+        suitable_learning_rate: the highest at which it learns well in batches of about ten.
+        point: the kind of its curve's points.
+    """
+
+    suitable_learning_rate: ClassVar[float]
+    point: ClassVar[type[CurvePoint]]
+
+    @abstractmethod
+    def config(self) -> dict[str, Any]:
+        """The network's config as JSON holds it; it is kept with the weights."""
+
+    @abstractmethod
+    def loss(self, batch: AnyBatch) -> tuple[Tensor, dict[str, float]]:
+        """The loss, a scalar, and figures to watch."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Processes:
+    """This process among those that train together.
+
+    Attributes:
+        rank: its number; the first validates, saves and reports.
+        count: number of processes; with more than one the group of `torch.distributed` has been joined.
+        on_this_machine: number of them that share this machine's cores.
+        device: on which it computes its share of a batch.
+    """
+
+    rank: int = 0
+    count: int = 1
+    on_this_machine: int = 1
+    device: torch.device = field(default_factory=lambda: torch.device("cpu"))
+
+    @property
+    def first(self) -> bool:
+        """Whether this process is the first."""
+        return self.rank == 0
+
+    def synchronised(self, module: nn.Module) -> nn.Module:
+        """The module, with gradients averaged over all processes."""
+        return DistributedDataParallel(module) if self.count > 1 else module
+
+    def mean(self, value: float) -> float:
+        """Mean over all processes, known to all."""
+        return self._shared(value, dist.all_reduce) / self.count
+
+    def agreed(self, value: float) -> float:
+        """The first process's value: what depends on a clock must be the same for all."""
+        return self._shared(value, partial(dist.broadcast, src=0))
+
+    def _shared(self, value: float, exchange: Callable[[Tensor], object]) -> float:
+        if self.count == 1:
+            return value
+        tensor = torch.tensor([value], dtype=torch.float64, device=self.device)
+        exchange(tensor)
+        return float(tensor)
+
 
 Model = TypeVar("Model", bound=TrainableModel[Any])
 

@@ -11,8 +11,12 @@ from rendezvous.config.load import load_config
 from rendezvous.errors import ConfigError
 from rendezvous.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from rendezvous.geometry.se2 import SE2
-from rendezvous.training.frame_error.augmentation import Augmentation, augmented
-from rendezvous.training.frame_error.clutter import draw_obstacles, with_obstacles
+from rendezvous.training.frame_error.augmentation import (
+    Augmentation,
+    augmented,
+    draw_obstacles,
+    with_obstacles,
+)
 from rendezvous.training.frame_error.defects import bent, beyond_line_unknown, ragged, specked, thickened
 from rendezvous.training.frame_error.pairs import MapPair, PairTable
 from rendezvous.training.frame_error.rescan import rescanned, with_spurious_rays

@@ -8,7 +8,7 @@ import pytest
 import torch
 from rendezvous.training.frame_error.data import Batch, validation_batches
 from rendezvous.training.frame_error.pairs import PairTable
-from rendezvous.training.frame_error.validation import FrameErrorValidation
+from rendezvous.training.frame_error.registry import FrameErrorValidation
 from torch import Tensor
 
 from tests.training.tiny import SAMPLING, TinyModel, tiny_model

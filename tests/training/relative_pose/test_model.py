@@ -12,9 +12,8 @@ from rendezvous.errors import ConfigError
 from rendezvous.models.relative_pose_network import RelativePoseConfig, RelativePoseNet
 from rendezvous.training.batches import training_loader
 from rendezvous.training.checkpoint import checkpoint_bytes, read_checkpoint, restore_in_place
-from rendezvous.training.loop import TrainingState, fit
+from rendezvous.training.loop import Processes, TrainingState, fit
 from rendezvous.training.parameters import Budget, Optimisation
-from rendezvous.training.processes import Processes
 from rendezvous.training.relative_pose.data import (
     PoseSample,
     PoseTrainingBatches,

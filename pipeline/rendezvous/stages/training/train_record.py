@@ -19,10 +19,8 @@ from rendezvous.geometry.camera import Image
 from rendezvous.store.disk import Disk
 from rendezvous.store.records import json_bytes
 from rendezvous.training.checkpoint import checkpoint_bytes, weights_bytes
-from rendezvous.training.loop import Model, Step, TrainingState
-from rendezvous.training.model import TrainableModel
+from rendezvous.training.loop import Model, Processes, Step, TrainableModel, TrainingState
 from rendezvous.training.parameters import Budget
-from rendezvous.training.processes import Processes
 
 CHECKPOINT, WEIGHTS, CURVE = "checkpoint.safetensors", "weights.safetensors", "curve.json"
 """To resume from; to use; error against training samples."""

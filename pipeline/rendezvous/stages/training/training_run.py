@@ -22,9 +22,8 @@ from rendezvous.store.disk import Disk
 from rendezvous.store.records import digest_of
 from rendezvous.training.batches import AnyBatch, training_loader
 from rendezvous.training.checkpoint import read_checkpoint, restore_in_place
-from rendezvous.training.loop import Model, TrainingState, fit
+from rendezvous.training.loop import Model, Processes, TrainingState, fit
 from rendezvous.training.parameters import Budget
-from rendezvous.training.processes import Processes
 from rendezvous.training.published_rows import PublishedRows, rows_per_split
 
 _DIGITS = 12

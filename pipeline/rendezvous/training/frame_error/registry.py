@@ -1,17 +1,20 @@
-"""The trainable models of the frame error, by name."""
+"""The trainable models of the frame error, by name, and their errors on the validation pairs."""
 
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor
 
+from rendezvous.alignment.frame_error import pose_difference
 from rendezvous.alignment.window import MapWindow
 from rendezvous.errors import ConfigError
+from rendezvous.geometry.camera import Image
 from rendezvous.geometry.se2 import SE2
 from rendezvous.models.frame_error_network import (
     FrameErrorConfig,
@@ -25,8 +28,9 @@ from rendezvous.models.matcher import Matcher, MatcherConfig
 from rendezvous.models.matcher_estimator import MatcherEstimator
 from rendezvous.models.matcher_loss import LossSampling, matcher_loss
 from rendezvous.models.table_one import ABLATION_ROWS, AblationRow
+from rendezvous.training.batches import moved
 from rendezvous.training.frame_error.data import Batch
-from rendezvous.training.model import CurvePoint, TrainableModel
+from rendezvous.training.loop import CurvePoint, TrainableModel
 from rendezvous.training.parameters import Sampling
 
 DEFAULT_MODEL = "matcher"
@@ -173,6 +177,34 @@ class MatcherModel(FrameErrorModel):
         ]
         thetas = [estimator(window).theta or SE2.identity() for window in windows]
         return torch.tensor([theta.as_array().tolist() for theta in thetas], dtype=torch.float32)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FrameErrorValidation:
+    """Measures models on fixed pairs."""
+
+    batches: Sequence[Batch]
+    device: torch.device
+    seed: int
+
+    @torch.no_grad()
+    def figures(self, model: FrameErrorModel) -> dict[str, float | None]:
+        """The errors of a `FrameErrorPoint`, in float32, of a model in evaluation mode."""
+        losses, errors = [], []
+        for number, batch in enumerate(self.batches):
+            torch.manual_seed(self.seed + number)
+            there = moved(batch, self.device)
+            losses.append(float(model.loss(there)[0]) * len(batch["theta"]))
+            theta_hat_B3 = model.theta(there["cells"], there["sight"]).cpu()
+            for estimated, true in zip(theta_hat_B3.tolist(), batch["theta"].tolist(), strict=True):
+                errors.append(pose_difference(SE2(*estimated), SE2(*true)).as_array())
+        x_m, y_m, yaw_rad = np.abs(np.array(errors)).mean(axis=0).tolist()
+        loss = sum(losses) / len(errors)
+        return {"validation_loss": loss, "error_x_m": x_m, "error_y_m": y_m, "error_yaw_rad": yaw_rad}
+
+    def pictures(self, model: FrameErrorModel) -> dict[str, Image]:
+        """No pictures."""
+        return {}
 
 
 def _check_divides_window(key: str, value: int, sampling: Sampling) -> None:

@@ -30,7 +30,7 @@ def rescanned(grid: OccupancyGrid, rng: np.random.Generator) -> OccupancyGrid:
     1.5° apart, as with lidars on small robots. Of the runs of up to ten neighbouring beams, up to 40 % do not
     come back (dark or shiny surfaces) and up to 3 % pass through the wall (glass, a door ajar).
     """
-    starts = _free_cells(grid, int(rng.integers(4, 17)), rng)
+    starts = free_cells(grid, int(rng.integers(4, 17)), rng)
     if not len(starts):
         return grid
     reach_m, view_rad = rng.uniform(4.0, 12.0), rng.uniform(math.pi, 2.0 * math.pi)
@@ -45,7 +45,7 @@ def rescanned(grid: OccupancyGrid, rng: np.random.Generator) -> OccupancyGrid:
 
 def with_spurious_rays(grid: OccupancyGrid, rng: np.random.Generator) -> OccupancyGrid:
     """The map with one to six fans of rays through its walls, 1° to 12° wide, from free cells."""
-    starts = _free_cells(grid, int(rng.integers(1, 7)), rng)
+    starts = free_cells(grid, int(rng.integers(1, 7)), rng)
     if not len(starts):
         return grid
     half_rad = np.radians(rng.uniform(0.5, 6.0, (len(starts), 1)))
@@ -78,7 +78,7 @@ def _traced(
     )
 
 
-def _free_cells(grid: OccupancyGrid, count: int, rng: np.random.Generator) -> Array:
+def free_cells(grid: OccupancyGrid, count: int, rng: np.random.Generator) -> Array:
     """(count or 0, 2) row, col of the centres of free cells."""
     free = np.flatnonzero(grid.cells.ravel() == FREE)
     if not len(free):

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from rendezvous.errors import ConfigError
 from rendezvous.models.relative_pose_network import RelativePoseConfig, RelativePoseNet, relative_pose_loss
-from rendezvous.training.model import CurvePoint, TrainableModel
+from rendezvous.training.loop import CurvePoint, TrainableModel
 from rendezvous.training.relative_pose.data import PoseBatch
 
 POSE_MODEL = "relative-pose"
