@@ -120,7 +120,7 @@ def _checked(value: Any, column: Column, row: int) -> Any:
         # A point of the cuboid behind the camera is NaN.
         finite = column.type != CUBOID_TYPE
         array = _floats(value, _SHAPES[column.type], where, finite=finite)
-        return array.reshape(_stored_shape(column.type)).tolist()
+        return array.tolist() if column.type == CUBOID_TYPE else array.ravel().tolist()
     if column.type == SIZE_TYPE:
         return dict(zip(("x_m", "y_m", "z_m"), _floats(value, (3,), where).tolist(), strict=True))
     if column.type == TRAJECTORY_TYPE:
@@ -142,10 +142,6 @@ def _floats(value: Any, shape: tuple[int, ...], where: str, *, finite: bool = Tr
     if finite and not np.isfinite(array).all():
         raise ValueError(f"{where}: {array.tolist()} is not finite")
     return array
-
-
-def _stored_shape(type_: pa.DataType) -> tuple[int, ...]:
-    return (9, 2) if type_ == CUBOID_TYPE else (type_.list_size,)
 
 
 def _natural(value: Any, column: Column) -> Any:

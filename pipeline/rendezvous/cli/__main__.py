@@ -106,7 +106,7 @@ def _make_dataset(run: Run) -> None:
         if stage == "floorplans":
             from rendezvous.stages.pack import check_splits
 
-            check_splits(run)
+            check_splits(run.config.pack, run.read("floorplans"))
 
 
 for _stage in DATASET_STAGES:

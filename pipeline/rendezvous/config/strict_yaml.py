@@ -17,14 +17,11 @@ class _Loader(yaml.SafeLoader):
         seen: set[Any] = set()
         for key_node, _ in node.value:
             key = self.construct_object(key_node, deep=True)
-            if not isinstance(key, Hashable):
-                raise yaml.MarkedYAMLError(
-                    problem=f"{key!r} cannot be a key", problem_mark=key_node.start_mark
+            if not isinstance(key, Hashable) or key in seen:
+                problem = (
+                    f"key {key!r} is given twice" if isinstance(key, Hashable) else f"{key!r} cannot be a key"
                 )
-            if key in seen:
-                raise yaml.MarkedYAMLError(
-                    problem=f"key {key!r} is given twice", problem_mark=key_node.start_mark
-                )
+                raise yaml.MarkedYAMLError(problem=problem, problem_mark=key_node.start_mark)
             seen.add(key)
         return super().construct_mapping(node, deep=deep)
 
@@ -47,7 +44,7 @@ def load_file(path: str | Path, *, right: str) -> dict[str, Any]:
         raise ConfigError(f"{path}: {(error.strerror or str(error)).lower()}; must be {right}") from error
     except UnicodeDecodeError as error:
         raise ConfigError(f"{path}: not text in UTF-8 ({error.reason}); must be {right}") from error
-    content = _load(text, str(path))
+    content = load_value(text, where=str(path))
     if not isinstance(content, dict):
         found = "nothing" if content is None else f"{content!r:.40}"
         raise ConfigError(f"{path}: holds {found}; must be {right}")
@@ -60,10 +57,6 @@ def load_value(text: str, *, where: str) -> Any:
     Raises:
         ConfigError: it is not YAML.
     """
-    return _load(text, where)
-
-
-def _load(text: str, where: str) -> Any:
     try:
         return yaml.load(text, Loader=_Loader)  # a SafeLoader
     except yaml.MarkedYAMLError as error:

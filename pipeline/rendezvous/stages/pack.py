@@ -76,15 +76,15 @@ def _rendered(render: StageReader, columns: Sequence[str], under: str) -> pa.Tab
     return table if table is not None and table.num_rows else None
 
 
-def check_splits(run: Run) -> None:
+def check_splits(section: PackSection, floorplans: StageReader) -> None:
     """Check early that no split would be empty if robots met on every floor plan.
 
     Raises:
         SplitError: one would.
         StoreError: `floorplans` has not finished, or its output is damaged.
     """
-    plans = run.read("floorplans").rows(columns=PLAN_COLUMNS)
-    _splits(run.config.pack, "floorplans", [plan_of(row).digest() for row in plans])
+    plans = floorplans.rows(columns=PLAN_COLUMNS)
+    _splits(section, "floorplans", [plan_of(row).digest() for row in plans])
 
 
 def _splits(section: PackSection, table: str, plan_digests: Iterable[str]) -> dict[str, str]:

@@ -46,7 +46,13 @@ def render(run: Run) -> Manifest:
         *(_view_tasks(job, meshes, explore, shared) if section.views else ()),
         *(_pose_tasks(job, meshes, shared) if section.poses_per_plan else ()),
     ]
-    return run.build("render", tasks, layout=LAYOUT, total=len(tasks), prepare=partial(_say_renderer, run))
+    return run.build(
+        "render",
+        tasks,
+        layout=LAYOUT,
+        total=len(tasks),
+        prepare=lambda: run.say(f"render: drawing with {renderer_name()}"),
+    )
 
 
 def check_pictures(run: Run) -> None:
@@ -61,10 +67,6 @@ def check_pictures(run: Run) -> None:
         check_libraries()
         load_robot_model(run.config.explore.robot)
         photo_folder(section.backgrounds)
-
-
-def _say_renderer(run: Run) -> None:
-    run.say(f"render: drawing with {renderer_name()}")
 
 
 def _check_same_robot(explore: StageReader, robot: RobotSpec) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 
@@ -56,7 +57,7 @@ def train_pose(run: Run, *, out: Path | None = None, resume: bool = False) -> Pa
             out=out,
             resume=resume,
             processes=processes,
-            robot=training.robot().as_dict(),
+            robot=asdict(training.robot()),
         )
     if processes.first:
         _calibrate(run, len(validation), folder)

@@ -16,7 +16,7 @@ def content_digest(table: pa.Table, *, columns: Sequence[str] | None = None) -> 
     h = hashlib.sha256()
     for name in sorted(columns if columns is not None else table.column_names):
         h.update(f"column {name!r}\n".encode())
-        _feed(h, _one_array(table.column(name)))
+        _feed(h, table.column(name).combine_chunks())
     return h.hexdigest()
 
 
@@ -45,12 +45,6 @@ def _type_name(kind: pa.DataType) -> str:
     if _is_list(kind) or pa.types.is_fixed_size_list(kind):
         return f"{_kind(kind)}<{_type_name(kind.value_type)}>"
     return _kind(kind)
-
-
-def _one_array(column: pa.ChunkedArray) -> pa.Array:
-    if column.num_chunks == 1:
-        return column.chunk(0)
-    return pa.concat_arrays(column.chunks) if column.num_chunks else pa.array([], type=column.type)
 
 
 def _feed(h: Any, array: pa.Array) -> None:

@@ -7,7 +7,7 @@ from pathlib import PurePosixPath
 from rendezvous.errors import StoreError
 from rendezvous.store.disk import Disk
 from rendezvous.store.read import read_manifest, read_record
-from rendezvous.store.records import MANIFEST, RECORD_FOLDER, Manifest
+from rendezvous.store.records import MANIFEST, RECORD_FOLDER, FileRecord, ShardRecord
 from rendezvous.store.write import damage, listed_names
 
 
@@ -38,27 +38,11 @@ def verify(root: str) -> list[str]:
         return [str(error)]
     if manifest is None:
         return [f"{disk.shown(MANIFEST)}: missing, so the stage has not finished; run it again to resume"]
-    return _damaged(disk, manifest) + _misrecorded(disk, manifest) + _unlisted(disk, manifest)
-
-
-def _damaged(disk: Disk, manifest: Manifest) -> list[str]:
-    shards = [(shard.name, shard.bytes, shard.sha256) for shard in manifest.shards]
-    files = [(file.name, file.bytes, file.sha256) for file in manifest.files]
-    faults = [(name, damage(disk, name, size_bytes, sha256)) for name, size_bytes, sha256 in shards + files]
+    written: list[ShardRecord | FileRecord] = [*manifest.shards, *manifest.files]
+    faults = [(file.name, damage(disk, file.name, file.bytes, file.sha256)) for file in written]
+    for shard in manifest.shards:
+        if read_record(disk, shard.name) != shard:
+            faults.append((shard.record_name(shard.name), f"missing or differs from {MANIFEST}"))
+    unlisted = [name for name in disk.names() if name not in listed_names(manifest)]
+    faults += [(name, f"not listed in {MANIFEST}") for name in unlisted]
     return [f"{disk.shown(name)}: {fault}" for name, fault in faults if fault]
-
-
-def _misrecorded(disk: Disk, manifest: Manifest) -> list[str]:
-    return [
-        f"{disk.shown(shard.record_name(shard.name))}: missing or differs from {MANIFEST}"
-        for shard in manifest.shards
-        if read_record(disk, shard.name) != shard
-    ]
-
-
-def _unlisted(disk: Disk, manifest: Manifest) -> list[str]:
-    return [
-        f"{disk.shown(name)}: not listed in {MANIFEST}"
-        for name in disk.names()
-        if name not in listed_names(manifest)
-    ]

@@ -6,7 +6,7 @@ A batch is a mapping of tensors, the samples along the first axis of each.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from itertools import count
 from typing import Any, Generic, TypeVar, cast
 
@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch.utils.data import DataLoader, Dataset, Sampler
+from torch.utils.data import DataLoader, Dataset
 
 from rendezvous.seeds import stream
 
@@ -77,7 +77,7 @@ def training_loader(
     return DataLoader(
         batches,
         batch_size=None,
-        sampler=_StepsFrom(first_step),
+        sampler=count(first_step),
         num_workers=workers,
         prefetch_factor=_BATCHES_AHEAD if workers else None,
         worker_init_fn=_init_worker,
@@ -94,14 +94,6 @@ def moved(batch: AnyBatch, device: torch.device) -> AnyBatch:
 def samples_in(batch: Mapping[str, Any]) -> int:
     """Number of samples in a batch."""
     return len(next(iter(batch.values())))
-
-
-class _StepsFrom(Sampler[int]):
-    def __init__(self, first_step: int) -> None:
-        self._first_step = first_step
-
-    def __iter__(self) -> Iterator[int]:
-        return count(self._first_step)
 
 
 def _init_worker(_worker: int) -> None:

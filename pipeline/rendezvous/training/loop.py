@@ -187,7 +187,7 @@ def fit(
     """
     model = processes.synchronised(_Loss(state.model)).train()
     highest = optimisation.learning_rate or state.model.suitable_learning_rate
-    began_s = clock() - state.elapsed_s
+    device_type, began_s = processes.device.type, clock() - state.elapsed_s
     for batch in batches:
         spent = processes.agreed(budget.spent(state.samples, clock() - began_s))
         if spent >= 1.0:
@@ -196,7 +196,7 @@ def fit(
         for group in state.optimizer.param_groups:
             group["lr"] = rate
         torch.manual_seed(int(stream(seed, "step", state.step, processes.rank).integers(2**62)))
-        with _autocast(optimisation, processes.device):
+        with torch.autocast(device_type, dtype=torch.bfloat16, enabled=optimisation.precision == "bf16"):
             loss, figures = model(moved(batch, processes.device))
         state.optimizer.zero_grad(set_to_none=True)
         loss.backward()
@@ -224,10 +224,6 @@ class _Loss(nn.Module):
 
     def forward(self, batch: Mapping[str, Any]) -> tuple[Tensor, dict[str, float]]:
         return self.model.loss(batch)
-
-
-def _autocast(optimisation: Optimisation, device: torch.device) -> torch.autocast:
-    return torch.autocast(device.type, dtype=torch.bfloat16, enabled=optimisation.precision == "bf16")
 
 
 def _check_finite(loss: float, norm: float, step: int) -> None:

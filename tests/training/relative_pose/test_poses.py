@@ -58,11 +58,8 @@ def test_images_that_show_too_little_of_the_robot_are_neither_with_nor_without_i
 
 
 def test_the_robot_is_told_as_the_rows_have_it(poses: PoseTable):
-    assert poses.robot().as_dict() == {
-        "name": "scout",
-        "size_m": [0.3, 0.2, 0.1],
-        "T_r1_o": np.eye(4).tolist(),
-    }
+    T_r1_o = tuple(tuple(row) for row in np.eye(4).tolist())
+    assert poses.robot() == SeenRobotKind(name="scout", size_m=(0.3, 0.2, 0.1), T_r1_o=T_r1_o)
 
 
 def test_images_of_several_robots_are_told(poses: PoseTable):

@@ -26,7 +26,7 @@ from rendezvous.store.records import Manifest, ShardRecord
 
 _PICTURED_PAIRS, _PICTURED_POSES = 3, 12
 _NAMED_FILES = 100
-_ARCHIVE = re.compile(r"(.+?\.(?:tar|tar\.gz|tgz)):")
+_IN_ARCHIVE = re.compile(r"^(.+?\.(?:tar|tar\.gz|tgz)):.*", re.DOTALL)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -46,7 +46,9 @@ class Contents:
 
 def card_files(run: Run, contents: Contents, records: Sequence[ShardRecord]) -> Mapping[str, bytes]:
     """The dataset's card and its pictures, by name."""
-    made, rendered, manifests = run.read("explore").manifest(), run.read("render").manifest(), _manifests(run)
+    made, rendered = run.read("explore").manifest(), run.read("render").manifest()
+    # None if a stage's output is gone.
+    manifests = {stage: read_manifest(Disk(run.folder(stage))) for stage in DATASET_STAGES if stage != "pack"}
     sightings = _with_visibility(contents)
     text = dataset_card(
         sightings,
@@ -91,11 +93,6 @@ def _poses_picture(run: Run, poses: pa.Table) -> bytes:
     return encoded_png(pose_sheet(rows, title="Poses", subtitle=subtitle))
 
 
-def _manifests(run: Run) -> dict[str, Manifest | None]:
-    """The manifests of the stages before `pack`; None if a stage's output is gone."""
-    return {stage: read_manifest(Disk(run.folder(stage))) for stage in DATASET_STAGES if stage != "pack"}
-
-
 def _parameters(manifests: Mapping[str, Manifest | None]) -> dict[str, Any]:
     """The parameters recorded in the stages' shards; those of this run may differ."""
     parameters: dict[str, Any] = {}
@@ -122,10 +119,11 @@ def _sources(floorplans: Manifest) -> dict[str, Any]:
     """
     # What is generated depends on the seed, what is read does not.
     inputs = [shard.inputs for shard in floorplans.shards]
-    read = [_file_or_archive(name) for i in inputs if i.seed is None for name in i.items]
+    read = [_IN_ARCHIVE.sub(r"\1", name) for i in inputs if i.seed is None for name in i.items]
     sources = list(dict.fromkeys(read))
     if len(sources) > _NAMED_FILES:
-        sources = list(dict.fromkeys(_folder_or_archive(source) for source in sources))
+        folders = [str(Path(name).parent) if name.endswith(".json") else name for name in sources]
+        sources = list(dict.fromkeys(folders))
     generated = sum(len(i.items) for i in inputs if i.seed is not None)
     return {"floorplans.sources": sources, "floorplans.generate.count": generated}
 
@@ -134,13 +132,3 @@ def _tables(render: Manifest) -> dict[str, Any]:
     """Which tables were rendered; no shard records that."""
     tables = {shard.name.split("/")[0] for shard in render.shards}
     return {"render.views": "views" in tables} | ({} if "poses" in tables else {"render.poses_per_plan": 0})
-
-
-def _file_or_archive(name: str) -> str:
-    """The source that provides this file."""
-    archive = _ARCHIVE.match(name)
-    return archive[1] if archive else name
-
-
-def _folder_or_archive(source: str) -> str:
-    return str(Path(source).parent) if source.endswith(".json") else source

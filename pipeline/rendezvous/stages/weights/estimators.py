@@ -85,13 +85,14 @@ def select_methods(
             raise ConfigError(f"--weights {name}=...: {name} has no weights; those have: {learned}")
     selected = []
     for name, method in known.items():
-        path = weights.get(name) or weights.get(method.model) or _found_weights(method)
+        places = _weight_places(method)
+        found = next((place for place in places if place.is_file()), None)
+        path = weights.get(name) or weights.get(method.model) or found
         lacks_weights = method.needs_weights and path is None
         if name in asked and lacks_weights:
-            places = " or ".join(str(place) for place in _weight_places(method))
             raise ConfigError(
-                f"{name}: no weights in {places}; `rendezvous train --model {method.model}` makes them, "
-                f"--weights {name}=PATH names others"
+                f"{name}: no weights in {' or '.join(map(str, places))}; "
+                f"`rendezvous train --model {method.model}` makes them, --weights {name}=PATH names others"
             )
         if name in asked or (not names and not lacks_weights):
             selected.append(SelectedMethod(method=method, search=search, weights=path))
@@ -176,10 +177,6 @@ def _curve(weights: Path, record: Mapping[str, Any]) -> TrainingCurve | None:
         return TrainingCurve.from_points(kept["curve"])
     except (ValueError, KeyError, TypeError) as error:
         raise StoreError(f"{path}: no curve of a training run ({error}); train writes it anew") from error
-
-
-def _found_weights(method: Method) -> Path | None:
-    return next((place for place in _weight_places(method) if place.is_file()), None)
 
 
 def _weight_places(method: Method) -> tuple[Path, ...]:

@@ -22,28 +22,20 @@ TRAINED_POSE_WEIGHTS = Path("runs/relative-pose/weights.safetensors")
 
 
 class PoseSource(Protocol):
-    """Makes an estimator. Small to pickle; sources of equal estimators are equal."""
+    """Makes an estimator. Small to pickle; sources of equal estimators are equal.
+
+    Its methods raise `PipelineError` where the weights cannot be read, or PyTorch is missing.
+    """
 
     @property
     def digest(self) -> str:
         """SHA-256 of the weights."""
 
     def estimator(self, *, floor: bool) -> ImagePoseEstimator:
-        """The estimator.
-
-        Args:
-            floor: assume that the seen robot stands on the observer's floor.
-
-        Raises:
-            PipelineError: the weights cannot be read, or PyTorch is missing.
-        """
+        """The estimator; with `floor` it assumes that the seen robot stands on the observer's floor."""
 
     def record(self) -> dict[str, Any]:
-        """The record of the training.
-
-        Raises:
-            PipelineError: the weights cannot be read.
-        """
+        """The record of the training."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

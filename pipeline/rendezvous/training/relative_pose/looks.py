@@ -65,15 +65,11 @@ def draw_look_elsewhere(
 
 def _kept_on(look: Look, size_px: tuple[int, int]) -> Look:
     """The look moved so that it shows nothing beyond the image, or the whole image if that is smaller."""
-    offset_px = []
-    for side_px, image_px, offset in zip(
-        (look.width_px, look.height_px), size_px, look.offset_px, strict=True
-    ):
-        # At these the first or the last pixels of both have their outer edges in one place.
-        first = 0.5 * look.scale - 0.5
-        bounds = sorted([first, first + side_px - look.scale * image_px])
-        offset_px.append(min(max(offset, bounds[0]), bounds[1]))
-    return replace(look, offset_px=(offset_px[0], offset_px[1]))
+    # At these the first or the last pixels of both have their outer edges in one place.
+    first = 0.5 * look.scale - 0.5
+    last = first + np.array([look.width_px, look.height_px]) - look.scale * np.array(size_px)
+    u, v = np.clip(look.offset_px, np.minimum(first, last), np.maximum(first, last)).tolist()
+    return replace(look, offset_px=(u, v))
 
 
 def _look(point_px: Array, place_px: Array, scale: float, sampling: PoseSampling) -> Look:

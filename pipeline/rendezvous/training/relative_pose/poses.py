@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass
-from typing import Any
 
 import cv2
 import numpy as np
@@ -16,7 +15,7 @@ from rendezvous.geometry.cuboid import Vec3
 from rendezvous.geometry.occupancy_grid import Mask
 from rendezvous.geometry.se2 import Array
 from rendezvous.store.read import StageReader
-from rendezvous.training.published_rows import PublishedRows, number_rows, read_split
+from rendezvous.training.published_rows import PublishedRows, read_split
 
 KIND = "poses"
 _ROBOT = ("robot", "cuboid_size_m", "T_r1_o")
@@ -37,10 +36,6 @@ class SeenRobotKind:
     name: str
     size_m: Vec3
     T_r1_o: tuple[tuple[float, ...], ...]
-
-    def as_dict(self) -> dict[str, Any]:
-        """Values as JSON holds them."""
-        return {"name": self.name, "size_m": list(self.size_m), "T_r1_o": [list(r) for r in self.T_r1_o]}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -107,15 +102,8 @@ class PoseTable(PublishedRows):
         Raises:
             StoreError: there are several.
         """
-        names, sizes, poses = (
-            self.table["robot"].to_pylist(),
-            self.table["cuboid_size_m"].to_pylist(),
-            number_rows(self.table["T_r1_o"], width=16),
-        )
-        kinds = {
-            (name, tuple(size.values()), tuple(pose))
-            for name, size, pose in zip(names, sizes, poses.tolist(), strict=True)
-        }
+        rows = self.table.select(_ROBOT).to_pylist()
+        kinds = {(row["robot"], tuple(row["cuboid_size_m"].values()), tuple(row["T_r1_o"])) for row in rows}
         if len(kinds) > 1:
             told = json.dumps(sorted({name for name, _, _ in kinds}))
             raise StoreError(

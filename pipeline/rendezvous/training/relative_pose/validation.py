@@ -47,7 +47,8 @@ class PoseValidation:
     def figures(self, model: PoseModel) -> dict[str, float | None]:
         """The errors of a `PosePoint`, in float32."""
         losses, distances_px, false = [], list[Array](), list[bool]()
-        for samples in self._parts():
+        for first in range(0, len(self.samples), _AT_ONCE):
+            samples = self.samples[first : first + _AT_ONCE]
             batch = moved(pose_batch(samples, self.sampling), self.device)
             losses.append(float(model.loss(batch)[0]) * len(samples))
             for sample, belief in zip(samples, _beliefs(model, samples, self.device), strict=True):
@@ -72,9 +73,6 @@ class PoseValidation:
         samples = [self.samples[i] for i in evenly_spread(range(len(self.samples)), _SHOWN)]
         beliefs = _beliefs(model, samples, self.device)
         return {"belief_maps": sheet(samples, beliefs, columns=4)}
-
-    def _parts(self) -> list[Sequence[PoseSample]]:
-        return [self.samples[i : i + _AT_ONCE] for i in range(0, len(self.samples), _AT_ONCE)]
 
     def _distances_px(self, belief_9hw: Maps, sample: PoseSample) -> Array:
         """(K,) from each keypoint in the input to its map's highest peak; inf where there is none."""
