@@ -11,7 +11,7 @@ import pytest
 from rendezvous.errors import StoreError
 from rendezvous.store.read import StageReader
 from rendezvous.training.published_rows import rows_per_split
-from rendezvous.training.relative_pose.poses import COLUMNS, PoseTable, read_poses
+from rendezvous.training.relative_pose.poses import COLUMNS, PoseTable, SeenRobotKind, read_poses
 
 from tests.synthetic_dataset import POSE_ROWS
 
