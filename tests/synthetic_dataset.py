@@ -13,9 +13,9 @@ from rendezvous.engine.run import Run, Task, part_name
 from rendezvous.schema import EXPLORE, POSES, VIEWS
 from rendezvous.stages.pack import LAYOUT
 from rendezvous.stages.render import LAYOUT as RENDER_LAYOUT
-from rendezvous.store.digest import column_types
 from rendezvous.store.read import chunks
 from rendezvous.store.records import Inputs, Quarantined, Shard
+from rendezvous.store.tables import column_types
 
 from tests.conftest import run_in
 from tests.synthetic import synthetic_pose, synthetic_row, synthetic_view

@@ -16,8 +16,8 @@ from rendezvous.config.load import load_config
 from rendezvous.engine.pool import Engine
 from rendezvous.engine.run import Run, Task, part_name
 from rendezvous.seeds import stream
-from rendezvous.store.parquet import Layout
 from rendezvous.store.records import Inputs, Quarantined, Shard
+from rendezvous.store.tables import Layout
 from rich.console import Console
 
 from tests.conftest import ROOT

@@ -12,8 +12,8 @@ from rendezvous.evaluation.pictures.poses import CUBOID_COLOUR
 from rendezvous.floorplan.generate import shipped_floorplans
 from rendezvous.plan_schema import MESHES, PLAN_COLUMNS, plan_row
 from rendezvous.schema import EXPLORE, PAIRS, POSES, VIEWS, TableSchema
-from rendezvous.store.parquet import Layout
 from rendezvous.store.records import Inputs, Shard
+from rendezvous.store.tables import Layout
 from rendezvous.store.write import StageWriter
 
 from tests.floorplan.plans import RADIUS_M

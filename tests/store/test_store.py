@@ -14,9 +14,9 @@ import pyarrow.parquet as pq
 import pytest
 from rendezvous.errors import StoreError
 from rendezvous.store.disk import Disk
-from rendezvous.store.parquet import Layout, parquet_bytes
 from rendezvous.store.read import Item, StageReader, chunks
 from rendezvous.store.records import Inputs, Manifest, Quarantined, Shard
+from rendezvous.store.tables import Layout, parquet_bytes
 from rendezvous.store.verify import stage_folders, verify
 from rendezvous.store.write import StageWriter
 

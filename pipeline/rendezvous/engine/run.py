@@ -13,10 +13,9 @@ from rich.console import Console
 from rendezvous.config.load import Config
 from rendezvous.engine.pool import Call, Engine, run_calls
 from rendezvous.engine.progress import Meter, meter
-from rendezvous.store.digest import column_types
-from rendezvous.store.parquet import Layout
 from rendezvous.store.read import StageReader
 from rendezvous.store.records import Inputs, Manifest, Shard, ShardRecord
+from rendezvous.store.tables import Layout, column_types
 from rendezvous.store.write import NOT_MADE_YET, StageWriter
 
 

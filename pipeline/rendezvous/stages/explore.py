@@ -28,9 +28,9 @@ from rendezvous.seeds import stream
 from rendezvous.simulation.robot import RobotSpec
 from rendezvous.stages.dataset.item_tasks import item_tasks
 from rendezvous.stages.dataset.sightings import EpisodeScene, sighting_rows
-from rendezvous.store.parquet import Layout
 from rendezvous.store.read import Item, StageReader, chunks
 from rendezvous.store.records import Manifest, Quarantined, Shard
+from rendezvous.store.tables import Layout
 
 VERSION = 1
 LAYOUT = Layout(item_column="plan_id", uncompressed=("map_0", "map_1", "image"), row_group_rows=256)

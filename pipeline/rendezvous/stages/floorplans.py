@@ -28,9 +28,8 @@ from rendezvous.interop.houseexpo_files import (
 from rendezvous.plan_schema import FLOORPLANS, PLAN_COLUMNS, plan_row
 from rendezvous.robot_file import load_robot
 from rendezvous.seeds import stream
-from rendezvous.store.digest import column_types
-from rendezvous.store.parquet import Layout
 from rendezvous.store.records import Inputs, Manifest, Quarantined, Shard
+from rendezvous.store.tables import Layout, column_types
 
 VERSION = 1
 LAYOUT = Layout(item_column="plan_id", identity=PLAN_COLUMNS)
@@ -45,13 +44,10 @@ Judge = Callable[[Floorplan], Floorplan]
 class Candidate:
     """A floor plan that may be usable.
 
-    Attributes:
-        name: its file, or its id if it is generated.
-        origin: `houseexpo` or `generated`.
-        digest: SHA-256 of the file; empty for a generated plan, which parameters and seed determine.
-        load: gives the plan, or raises `FloorplanError`.
-        keys: id and geometry, which no two plans may share.
-        same_as: an earlier, usable candidate with one of these keys.
+    `name` is its file, or its id if it is generated; `digest` the file's SHA-256, '' for a generated
+    plan, which parameters and seed determine. No two plans may share one of the `keys` (id and geometry);
+    an earlier, usable candidate that does is `same_as`. `load` gives the plan, or raises
+    `FloorplanError`.
     """
 
     name: str
@@ -216,11 +212,7 @@ def _shard_count(section: FloorplansSection) -> int | None:
 
 
 def _report_acceptance(run: Run, manifest: Manifest) -> None:
-    """Say how many plans are usable and why the others are not.
-
-    Raises:
-        FloorplanError: none is.
-    """
+    """Say how many plans are usable and why the others are not."""
     candidates, plans = manifest.counts().get("candidates", 0), manifest.rows
     for entry in manifest.quarantined[:REASONS_SHOWN]:
         run.say(f"floorplans: left out {entry.item_id}: {entry.reason}")

@@ -23,9 +23,9 @@ from rendezvous.simulation.rays import ray_scene
 from rendezvous.simulation.robot import RobotSpec
 from rendezvous.simulation.world import scene_mjcf
 from rendezvous.stages.dataset.item_tasks import item_tasks
-from rendezvous.store.parquet import Layout
 from rendezvous.store.read import Item, StageReader, chunks
 from rendezvous.store.records import Manifest, Quarantined, Shard
+from rendezvous.store.tables import Layout
 
 VERSION = 1
 LAYOUT = Layout(item_column="plan_id", identity=(*PLAN_COLUMNS, "wall_height_m", "walls"))

@@ -19,10 +19,9 @@ from rendezvous.schema import PAIRS, POSES, SCHEMA_VERSION, TableSchema
 from rendezvous.splits import SPLITS, split_plans
 from rendezvous.stages.dataset.dataset_card import Contents, card_files
 from rendezvous.stages.dataset.published import PackedPlan, pairs_file, poses_file
-from rendezvous.store.digest import column_types
-from rendezvous.store.parquet import Layout
 from rendezvous.store.read import Item, StageReader
 from rendezvous.store.records import Inputs, Manifest, Shard
+from rendezvous.store.tables import Layout, column_types
 
 # With camera images a row takes about 0.4 MB: row groups stay near 100 MB.
 LAYOUT = Layout(item_column="plan_id", uncompressed=("map_0", "map_1", "image"), row_group_rows=256)
@@ -102,11 +101,7 @@ def _with_split(rows: pa.Table, splits: Mapping[str, str]) -> pa.Table:
 
 
 def _views(explore: StageReader, render: StageReader) -> dict[str, Item]:
-    """The images of the sightings, by plan.
-
-    Raises:
-        StoreError: some are of an earlier `explore`, whose sightings may have the same names.
-    """
+    """The images of the sightings, by plan."""
     shards = render.shards(_VIEWS)
     taken_of = {plan_id: digest for shard in shards for plan_id, digest in shard.inputs.items.items()}
     for item in explore.items():

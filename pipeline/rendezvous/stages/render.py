@@ -18,10 +18,9 @@ from rendezvous.simulation.robot import RobotSpec
 from rendezvous.stages.dataset.item_tasks import item_tasks
 from rendezvous.stages.dataset.photos import photo_folder
 from rendezvous.stages.dataset.pictures import RenderJob, poses, views
-from rendezvous.store.digest import column_types
-from rendezvous.store.parquet import Layout
 from rendezvous.store.read import StageReader, chunks
 from rendezvous.store.records import Inputs, Manifest
+from rendezvous.store.tables import Layout, column_types
 
 VERSION = 2
 LAYOUT = Layout(item_column="plan_id", uncompressed=("image",), row_group_rows=256)

@@ -80,11 +80,7 @@ def _calibrate(run: Run, validation_rows: int, folder: Path) -> None:
 
 
 def _features(path: str) -> dict[str, Tensor]:
-    """The tensors of a safetensors file.
-
-    Raises:
-        ConfigError: the file is missing or no such file.
-    """
+    """The tensors of a safetensors file."""
     try:
         return safetensors.torch.load(Disk(str(Path(path).parent)).read(Path(path).name))
     except (StoreError, OSError, safetensors.SafetensorError) as error:

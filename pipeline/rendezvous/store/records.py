@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
@@ -132,18 +133,11 @@ class ShardRecord:
         """The file that holds a shard's record."""
         return f"{RECORD_FOLDER}/{shard_name}.json"
 
-    def to_json(self) -> dict[str, Any]:
-        return asdict(self)
-
     @classmethod
     def from_json(cls, fields: Mapping[str, Any]) -> ShardRecord:
-        return cls(
-            **{
-                **fields,
-                "inputs": Inputs(**fields["inputs"]),
-                "quarantined": tuple(Quarantined(**entry) for entry in fields["quarantined"]),
-            }
-        )
+        """Inverse of `asdict`."""
+        quarantined = tuple(Quarantined(**entry) for entry in fields["quarantined"])
+        return cls(**{**fields, "inputs": Inputs(**fields["inputs"]), "quarantined": quarantined})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -173,16 +167,15 @@ class Manifest:
 
     def counts(self) -> dict[str, int]:
         """The sums of the shards' counts."""
-        totals: dict[str, int] = {}
+        totals = Counter[str]()
         for shard in self.shards:
-            for name, count in shard.counts.items():
-                totals[name] = totals.get(name, 0) + count
-        return totals
+            totals.update(shard.counts)
+        return dict(totals)
 
     def to_json(self) -> dict[str, Any]:
         """The manifest as written. What most shards share stands once, and shards refer to it by digest."""
         shared: dict[str, dict[str, Any]] = {"parameters": {}, "columns": {}, "versions": {}}
-        shards = [shard.to_json() for shard in self.shards]
+        shards = [asdict(shard) for shard in self.shards]
         for entry in shards:
             for key, place in (
                 ("parameters", entry["inputs"]),

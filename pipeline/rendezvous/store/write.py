@@ -7,13 +7,11 @@ import fcntl
 import hashlib
 import os
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from importlib import metadata
 
 from rendezvous.errors import StoreError
-from rendezvous.store.digest import content_digest, item_digests
 from rendezvous.store.disk import TEMPORARY_PATTERN, Disk
-from rendezvous.store.parquet import Layout, parquet_bytes
 from rendezvous.store.read import read_manifest, read_record
 from rendezvous.store.records import (
     MANIFEST,
@@ -25,6 +23,7 @@ from rendezvous.store.records import (
     ShardRecord,
     json_bytes,
 )
+from rendezvous.store.tables import Layout, content_digest, item_digests, parquet_bytes
 
 LOCK = ".lock"
 NOT_MADE_YET = "not made yet"
@@ -149,8 +148,8 @@ class StageWriter:
 
     def _renamed(self, record: ShardRecord, name: str) -> ShardRecord:
         self.make_room(name, record.inputs)
-        renamed = ShardRecord.from_json({**record.to_json(), "name": name})
-        self.disk.write(ShardRecord.record_name(name), json_bytes(renamed.to_json()))
+        renamed = replace(record, name=name)
+        self.disk.write(ShardRecord.record_name(name), json_bytes(asdict(renamed)))
         self.disk.move(record.name, name)
         self.disk.remove(ShardRecord.record_name(record.name))
         self._by_fingerprint[record.inputs.fingerprint()] = name
@@ -181,7 +180,7 @@ class StageWriter:
             inputs=inputs,
             versions={package: metadata.version(package) for package in RECORDED_PACKAGES},
         )
-        self.disk.write(ShardRecord.record_name(name), json_bytes(record.to_json()))
+        self.disk.write(ShardRecord.record_name(name), json_bytes(asdict(record)))
         self.disk.write(name, data)
         return record
 

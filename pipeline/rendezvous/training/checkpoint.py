@@ -27,10 +27,7 @@ _PROGRESS = ("step", "samples", "elapsed_s", "loss_sum", "loss_steps")
 class Checkpoint:
     """Contents of a file.
 
-    Attributes:
-        record: model, data, progress and curve; values as JSON holds them.
-        tensors: by name; in a checkpoint names start with `model.`, `average.` or `optimizer.`, in weights
-            not.
+    In a checkpoint names of tensors start with `model.`, `average.` or `optimizer.`, in weights not.
     """
 
     record: dict[str, Any]

@@ -25,11 +25,7 @@ from rendezvous.training.parameters import Budget, Optimisation
 class CurvePoint(ABC):
     """A point of the training curve; each kind of model adds its own errors.
 
-    Attributes:
-        samples: seen so far.
-        elapsed_s: time in training, validation included.
-        training_loss: mean since the last point.
-        validation_loss: of the averaged weights.
+    `elapsed_s` includes validation, `training_loss` is the mean since the last point.
     """
 
     samples: int
@@ -114,13 +110,7 @@ Model = TypeVar("Model", bound=TrainableModel[Any])
 class TrainingState(Generic[Model]):
     """Everything that changes during training, and that a run needs to resume.
 
-    Attributes:
-        model: in training, on the device.
-        average: moving average of its weights.
-        optimizer: with its moments.
-        step, samples, elapsed_s: progress over all processes.
-        loss_sum, loss_steps: of the steps since the last point of the curve.
-        curve: results of the validations.
+    Progress counts over all processes; `loss_sum` and `loss_steps` since the last point of the curve.
     """
 
     model: Model
@@ -144,12 +134,8 @@ class TrainingState(Generic[Model]):
 class Step:
     """Result of one step.
 
-    Attributes:
-        loss: mean over all processes.
-        figures: of the model, in this process.
-        gradient_norm: before clipping.
-        learning_rate: of this step.
-        spent: share of the budget spent before it.
+    `loss` is the mean over all processes, `gradient_norm` taken before clipping, `spent` the share of the
+    budget that was spent before.
     """
 
     loss: float

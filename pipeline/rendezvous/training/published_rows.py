@@ -10,8 +10,8 @@ import pyarrow as pa
 
 from rendezvous.errors import StoreError
 from rendezvous.geometry.se2 import Array
-from rendezvous.store.digest import content_digest
 from rendezvous.store.read import StageReader
+from rendezvous.store.tables import content_digest
 
 SPLIT_NAMES = ("train", "validation", "test")
 

@@ -6,7 +6,7 @@ import pytest
 from rendezvous.evaluation.dataset.sampling import located_columns
 from rendezvous.schema import EXPLORE, PAIRS, SIGHTINGS, VIEWS
 from rendezvous.stages.dataset.published import PackedPlan, pairs_at, pairs_file, with_views
-from rendezvous.store.digest import content_digest, item_digests
+from rendezvous.store.tables import content_digest, item_digests
 
 from tests.synthetic_dataset import ROWS, VIEW_ROWS, explored, synthetic_run
 

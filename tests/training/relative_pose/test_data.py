@@ -12,7 +12,6 @@ import torch
 from rendezvous.errors import ConfigError, StoreError
 from rendezvous.geometry.cuboid import project_cuboid
 from rendezvous.training.batches import training_loader
-from rendezvous.training.relative_pose.augmentation import augmented_image
 from rendezvous.training.relative_pose.data import (
     PoseTrainingBatches,
     pose_batch,
@@ -26,7 +25,7 @@ from rendezvous.training.relative_pose.looks import (
     span_px,
 )
 from rendezvous.training.relative_pose.poses import PoseTable
-from rendezvous.training.relative_pose.sampling import ImageAugmentation, PoseSampling
+from rendezvous.training.relative_pose.sampling import ImageAugmentation, PoseSampling, augmented_image
 
 from tests.synthetic import CAMERA
 from tests.synthetic_dataset import POSE_ROWS

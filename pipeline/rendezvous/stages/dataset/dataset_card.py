@@ -33,10 +33,8 @@ _IN_ARCHIVE = re.compile(r"^(.+?\.(?:tar|tar\.gz|tgz)):.*", re.DOTALL)
 class Contents:
     """The published tables, as far as the card needs them.
 
-    Attributes:
-        sightings: `CARD_COLUMNS` of all pairs, their places and their `split`.
-        views: `VIEW_COLUMNS` of the sightings' images and their places; None if there are none.
-        poses: `POSE_COLUMNS` of all training images, their places and their `split`; None if there are none.
+    All have their rows' places; `sightings` and `poses` also their `split`. None for a table without
+    rows.
     """
 
     sightings: pa.Table

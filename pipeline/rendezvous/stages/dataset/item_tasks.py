@@ -8,9 +8,9 @@ from typing import Any
 
 from rendezvous.engine.run import Task, part_name
 from rendezvous.schema import TableSchema
-from rendezvous.store.digest import column_types
 from rendezvous.store.read import Item
 from rendezvous.store.records import Inputs, Shard
+from rendezvous.store.tables import column_types
 
 
 def item_tasks(

@@ -20,14 +20,8 @@ from rendezvous.simulation.robot import RobotSpec
 class EpisodeScene:
     """The place of an episode, and its robots.
 
-    Attributes:
-        plan: the floor plan.
-        furniture: as rows of `SOLIDS_TYPE`.
-        density: of the furniture.
-        lidar_segments_m: (E, 4) outlines of everything that the lidar sees, in w.
-        starts: true start poses, which are the map frames.
-        robot: of both robots.
-        drive: how they moved.
+    `furniture` are rows of `SOLIDS_TYPE`, `lidar_segments_m` (E, 4) the outlines in w of all that the
+    lidar sees, `starts` the true start poses, which are the map frames.
     """
 
     plan: Floorplan

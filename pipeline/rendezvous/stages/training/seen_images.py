@@ -41,16 +41,9 @@ _NEEDED = {
 class SeenImage:
     """One image.
 
-    Attributes:
-        truth: what it shows.
-        encoded: JPEG or PNG.
-        camera: intrinsics.
-        T_r0_c: (4, 4) pose of the camera on robot 0 by the robot's file.
-        cuboid_size_m: sides of robot 1's cuboid.
-        T_r1_o: (4, 4) pose of that cuboid on robot 1.
-        box_px: (4,) box around robot 1's visible pixels; None if there are none.
-        plan_digest: of the floor plan.
-        T_c_o: (4, 4) true pose of robot 1's cuboid in the camera; None if robot 1 is absent.
+    `encoded` is JPEG or PNG, `T_r0_c` (4, 4) the camera's pose by the robot's file, `T_r1_o` (4, 4) the
+    pose of robot 1's cuboid on it, `T_c_o` (4, 4) the true one in the camera, `box_px` (4,) the box
+    around its visible pixels; None if there are none.
     """
 
     truth: ImageTruth

@@ -175,11 +175,7 @@ class Recorder(Generic[Model]):
 
 
 def _events(folder: Path, purge_step: int | None) -> SummaryWriter:
-    """TensorBoard's writer, which creates the run's folder.
-
-    Raises:
-        StoreError: the folder cannot be written.
-    """
+    """TensorBoard's writer, which creates the run's folder."""
     try:
         return SummaryWriter(str(folder), purge_step=purge_step)
     except OSError as error:

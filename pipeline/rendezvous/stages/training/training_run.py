@@ -89,12 +89,7 @@ def _about_run(
 
 
 def _begin_in_place(state: TrainingState[Any], disk: Disk, about: Mapping[str, Any], *, resume: bool) -> None:
-    """Bring the state to the folder's checkpoint, if there is one.
-
-    Raises:
-        StoreError: there is one, but the run is not to be resumed; or it is damaged.
-        ConfigError: it was begun with other parameters or data.
-    """
+    """Bring the state to the folder's checkpoint, if there is one."""
     where = disk.shown(CHECKPOINT)
     if disk.size(CHECKPOINT) is None:
         return

@@ -33,10 +33,7 @@ CURVE = "curve.json"
 class SelectedMethod:
     """A method that is to be used, with all it needs.
 
-    Attributes:
-        method: from the registry.
-        search: where to look for the frame error, for methods that search.
-        weights: file of a network's weights; None for a method without.
+    `weights` is the file of a network's weights; None for a method without.
     """
 
     method: Method

@@ -73,11 +73,7 @@ class Perturbation:
 class PerturbedPair:
     """A pair under a wrong map transform, as an estimator sees it, and the truth.
 
-    Attributes:
-        window: both maps.
-        theta_v: the true frame error in v.
-        T_estimated: the wrong `T_m0_m1`.
-        T_m0_v: the window frame.
+    `theta_v` is the true frame error in v, `T_estimated` the wrong `T_m0_m1`.
     """
 
     window: MapWindow

@@ -88,8 +88,7 @@ def rebuilt_model(name: str, config: Mapping[str, Any], sampling: Sampling) -> F
 class FrameErrorPoint(CurvePoint):
     """A point of the curve of a frame-error model.
 
-    Attributes:
-        error_x_m, error_y_m, error_yaw_rad: mean absolute components of θ̂⁻¹ θ on the validation pairs.
+    The errors are the mean absolute components of θ̂⁻¹ θ on the validation pairs.
     """
 
     error_x_m: float

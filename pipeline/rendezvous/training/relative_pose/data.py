@@ -22,10 +22,9 @@ from rendezvous.pose_estimation.dope_labels import Maps, belief_maps, vector_fie
 from rendezvous.pose_estimation.look import STRIDE_PX
 from rendezvous.seeds import stream
 from rendezvous.training.batches import EpochOrder, NumberedBatches, evenly_spread
-from rendezvous.training.relative_pose.augmentation import augmented_image
 from rendezvous.training.relative_pose.looks import draw_close_look, draw_look_elsewhere, draw_wide_look
 from rendezvous.training.relative_pose.poses import PoseImage, PoseTable
-from rendezvous.training.relative_pose.sampling import PoseSampling
+from rendezvous.training.relative_pose.sampling import PoseSampling, augmented_image
 
 
 class PoseBatch(TypedDict):

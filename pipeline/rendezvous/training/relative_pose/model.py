@@ -98,11 +98,7 @@ def build_pose_model(
 
 
 def _begin_with_in_place(network: RelativePoseNet, weights: Mapping[str, Tensor], *, where: str) -> None:
-    """Load the weights of the convolutions that the network shares with VGG-19.
-
-    Raises:
-        ConfigError: the network has features of its own, or a weight is absent or of another shape.
-    """
+    """Load the weights of the convolutions that the network shares with VGG-19."""
     if network.config.features != "vgg19":
         raise ConfigError(
             f"train_pose.initial_features is {where}, but train_pose.settings.features is "

@@ -27,10 +27,7 @@ COLUMNS = ("pose_id", "plan_digest", "seed", "mode", "image", *_ROBOT, *_LABEL)
 class SeenRobotKind:
     """The robot that the images show.
 
-    Attributes:
-        name: in its file.
-        size_m: sides of its cuboid along the axes of o.
-        T_r1_o: (4, 4) pose of the cuboid on the robot, as nested tuples.
+    `size_m` are the sides of its cuboid along the axes of o, `T_r1_o` (4, 4) is the cuboid's pose on it.
     """
 
     name: str
@@ -42,12 +39,8 @@ class SeenRobotKind:
 class PoseImage:
     """One image with its labels.
 
-    Attributes:
-        pose_id: unique name.
-        image: (H, W, 3) uint8 red, green, blue.
-        uv_px: (9, 2) the cuboid's points in DOPE's order; NaN where the robot is absent or a point is behind
-            the camera.
-        visibility: visible share of the robot.
+    `uv_px` (9, 2) are the cuboid's points in DOPE's order; NaN where the robot is absent or a point is
+    behind the camera.
     """
 
     pose_id: str
@@ -59,10 +52,8 @@ class PoseImage:
 class PoseTable(PublishedRows):
     """The images of one split. They stay compressed (100 kB each) and are decoded on access.
 
-    Attributes:
-        visibility: (N,) visible share of the robot.
-        uv_px: (N, 9, 2) the cuboid's points; NaN where the robot is absent or a point is behind the camera.
-        plausible: (N,) bool, whether another robot's camera might see it so: on the floor, upright.
+    `visibility` (N,) and `uv_px` (N, 9, 2) are those of `PoseImage`; `plausible` (N,) says whether
+    another robot's camera might see it so: on the floor, upright.
     """
 
     def __init__(self, split: str, table: pa.Table) -> None:
