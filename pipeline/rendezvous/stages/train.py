@@ -19,13 +19,12 @@ from rendezvous.training.frame_error.registry import DEFAULT_MODEL, FrameErrorVa
 def train(run: Run, *, out: Path | None = None, resume: bool = False) -> Path:
     """Train a model until its budget is spent; fit the matcher's confidence to the validation pairs then.
 
+    Returns the folder.
+
     Args:
         run: the `train` section, where the data lies, and how many cores to use.
         out: folder for checkpoint, weights, curve and TensorBoard's events; `runs/MODEL` by default.
         resume: go on from the folder's checkpoint, if there is one.
-
-    Returns:
-        The folder.
 
     Raises:
         ConfigError: a setting is wrong, or is not what the checkpoint was begun with.

@@ -25,13 +25,12 @@ from rendezvous.training.relative_pose.validation import PoseValidation
 def train_pose(run: Run, *, out: Path | None = None, resume: bool = False) -> Path:
     """Train the network until its budget is spent; fit its confidence to the validation images then.
 
+    Returns the folder.
+
     Args:
         run: the `train_pose` section, where the data lies, and how many cores to use.
         out: folder for checkpoint, weights, curve and TensorBoard's events; `runs/relative-pose` by default.
         resume: go on from the folder's checkpoint, if there is one.
-
-    Returns:
-        The folder.
 
     Raises:
         ConfigError: a setting is wrong, or is not what the checkpoint was begun with.

@@ -42,7 +42,6 @@ class SelectedMethod:
 
     @property
     def name(self) -> str:
-        """The method's name."""
         return self.method.name
 
     def weights_digest(self) -> str:

@@ -64,7 +64,6 @@ class TrainingBatches(NumberedBatches[PerturbedPair, Batch]):
         return sample
 
     def batch(self, samples: list[PerturbedPair]) -> Batch:
-        """Samples side by side."""
         return _batch(samples)
 
 

@@ -96,7 +96,6 @@ class FrameErrorPoint(CurvePoint):
     error_yaw_rad: float
 
     def summary(self) -> str:
-        """One line for the terminal."""
         return (
             f"{self.samples} samples: loss {self.training_loss:.4g}, on validation pairs "
             f"{self.validation_loss:.4g}, mean error {self.error_x_m:.3f} m, {self.error_y_m:.3f} m, "
@@ -124,7 +123,6 @@ class PaperModel(FrameErrorModel):
         self.network, self.row = network, row
 
     def config(self) -> dict[str, Any]:
-        """The network's."""
         return self.network.config.as_dict()
 
     def loss(self, batch: Batch) -> tuple[Tensor, dict[str, float]]:
@@ -158,7 +156,6 @@ class MatcherModel(FrameErrorModel):
         self.search = sampling.perturbation.search()
 
     def config(self) -> dict[str, Any]:
-        """The network's."""
         return self.network.config.as_dict()
 
     def loss(self, batch: Batch) -> tuple[Tensor, dict[str, float]]:

@@ -110,7 +110,6 @@ class PoseTrainingBatches(NumberedBatches[PoseSample, PoseBatch]):
         return PoseSample(image=image, uv_px=sample.uv_px, close=sample.close)
 
     def batch(self, samples: list[PoseSample]) -> PoseBatch:
-        """Samples side by side."""
         return pose_batch(samples, self.sampling)
 
     def _look(self, row: int, rng: np.random.Generator) -> PoseSample:

@@ -34,7 +34,6 @@ class PosePoint(CurvePoint):
     false_peaks: float
 
     def summary(self) -> str:
-        """One line for the terminal."""
         found = f"{100.0 * self.keypoints_found:.1f} % of keypoints found"
         if self.mean_distance_px is not None:
             found += f", off by {self.mean_distance_px:.2f} px, median {self.median_distance_px:.2f} px"
@@ -57,7 +56,6 @@ class PoseModel(TrainableModel[PoseBatch]):
         network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
 
     def config(self) -> dict[str, Any]:
-        """The network's."""
         return self.network.config.as_dict()
 
     def loss(self, batch: PoseBatch) -> tuple[Tensor, dict[str, float]]:
