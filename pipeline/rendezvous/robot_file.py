@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from rendezvous.config.strict_section import Section, validated_section
-from rendezvous.config.strict_yaml import load_file
+from rendezvous.config.strict import Section, load_file, validated_section
 from rendezvous.errors import ConfigError
 from rendezvous.resources import ROBOTS
 from rendezvous.simulation.robot import RobotSpec

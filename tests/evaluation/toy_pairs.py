@@ -11,8 +11,8 @@ from rendezvous.alignment.estimate import Estimate
 from rendezvous.evaluation.frame_error.estimates import Outcome, outcome, outcome_table
 from rendezvous.geometry.occupancy_grid import grid_from_png
 from rendezvous.geometry.se2 import SE2, Array
-from rendezvous.training.frame_error.pairs import MapPair
-from rendezvous.training.frame_error.perturbation import (
+from rendezvous.training.frame_error.pairs import (
+    MapPair,
     PerturbationRange,
     PerturbedPair,
     evaluation_perturbation,

@@ -9,8 +9,7 @@ from typing import Any
 
 from rendezvous.config.sections import Parameters
 from rendezvous.config.stage_table import STAGES
-from rendezvous.config.strict_section import Section, validated_section
-from rendezvous.config.strict_yaml import load_file, load_value
+from rendezvous.config.strict import Section, load_file, load_value, validated_section
 from rendezvous.errors import ConfigError
 
 _RIGHT = "a YAML mapping with seed, stages and presets; --config FILE names another"

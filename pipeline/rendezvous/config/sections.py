@@ -8,7 +8,7 @@ from typing import Annotated, Any, Self
 
 from pydantic import Field, model_validator
 
-from rendezvous.config.strict_section import Section
+from rendezvous.config.strict import Section
 from rendezvous.errors import ConfigError
 from rendezvous.exploration.records import EpisodeParameters
 from rendezvous.floorplan.generate import GeneratorParameters

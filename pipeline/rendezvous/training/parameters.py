@@ -8,7 +8,7 @@ from typing import Literal
 from rendezvous.alignment.window import WINDOW_CELL_M, WINDOW_CELLS
 from rendezvous.errors import require_within
 from rendezvous.training.frame_error.augmentation import Augmentation
-from rendezvous.training.frame_error.perturbation import PerturbationRange
+from rendezvous.training.frame_error.pairs import PerturbationRange
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

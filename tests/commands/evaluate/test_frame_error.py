@@ -20,11 +20,11 @@ from rendezvous.commands.evaluate.frame_error import Evaluation, evaluate
 from rendezvous.errors import SetupError, StoreError
 from rendezvous.evaluation.frame_error.symmetry import turn_symmetry
 from rendezvous.geometry.se2 import SE2
-from rendezvous.training.frame_error.pairs import read_pairs
-from rendezvous.training.frame_error.perturbation import (
+from rendezvous.training.frame_error.pairs import (
     PerturbationRange,
     evaluation_perturbation,
     perturbed_pair,
+    read_pairs,
 )
 
 from tests.commands.evaluate.toy_evaluation import evaluated, mean_error, toy_dataset

@@ -18,11 +18,11 @@ from rendezvous.errors import StoreError
 from rendezvous.geometry.se2 import SE2
 from rendezvous.models.matcher_estimator import MatcherEstimator
 from rendezvous.stages.weights.estimators import select_methods, training_of
-from rendezvous.training.frame_error.pairs import read_pairs
-from rendezvous.training.frame_error.perturbation import (
+from rendezvous.training.frame_error.pairs import (
     PerturbationRange,
     evaluation_perturbation,
     perturbed_pair,
+    read_pairs,
 )
 from rendezvous.training.frame_error.registry import build_model
 from rendezvous.training.parameters import Sampling

@@ -14,7 +14,7 @@ from rendezvous.errors import ConfigError, StoreError
 from rendezvous.pose_estimation.pose_calibration import PoseCalibration
 from rendezvous.stages.pack import pack
 from rendezvous.stages.weights.pose_source import PoseWeights
-from rendezvous.stages.weights.pose_weights import load_relative_pose
+from rendezvous.stages.weights.trained_estimators import load_relative_pose
 from rendezvous.training.checkpoint import read_checkpoint, weights_bytes
 from rendezvous.training.loop import TrainingState
 from rendezvous.training.parameters import Optimisation

@@ -19,7 +19,7 @@ from rendezvous.rendering.studio import Picture, Studio
 from rendezvous.rendering.viewpoints import furnished_plan
 from rendezvous.robot_file import load_robot, load_robot_model
 from rendezvous.stages.weights.pose_source import SHIPPED_POSE_WEIGHTS
-from rendezvous.stages.weights.pose_weights import load_relative_pose
+from rendezvous.stages.weights.trained_estimators import load_relative_pose
 
 from tests.floorplan.plans import generated
 

@@ -17,9 +17,16 @@ from rendezvous.training.frame_error.augmentation import (
     draw_obstacles,
     with_obstacles,
 )
-from rendezvous.training.frame_error.defects import bent, beyond_line_unknown, ragged, specked, thickened
+from rendezvous.training.frame_error.defects import (
+    bent,
+    beyond_line_unknown,
+    ragged,
+    rescanned,
+    specked,
+    thickened,
+    with_spurious_rays,
+)
 from rendezvous.training.frame_error.pairs import MapPair, PairTable
-from rendezvous.training.frame_error.rescan import rescanned, with_spurious_rays
 
 from tests.conftest import ROOT
 

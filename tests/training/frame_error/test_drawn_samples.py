@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from rendezvous.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from rendezvous.geometry.se2 import SE2
-from rendezvous.training.frame_error import defects, rescan
+from rendezvous.training.frame_error import defects
 from rendezvous.training.frame_error.augmentation import Augmentation, augmented
 from rendezvous.training.frame_error.pairs import MapPair
 
@@ -33,8 +33,8 @@ def bent(grid: OccupancyGrid, generator):
         (defects.ragged, [[3248, 4561, 191], [3216, 4546, 238], [3217, 4541, 242]]),
         (defects.patched, [[4282, 3487, 231], [4458, 3345, 197], [3304, 4453, 243]]),
         (defects.specked, [[3285, 4436, 279], [3269, 4455, 276], [3235, 4488, 277]]),
-        (rescan.rescanned, [[21382, 7122, 296], [21511, 7012, 277], [22342, 6184, 274]]),
-        (rescan.with_spurious_rays, [[20236, 8341, 223], [22877, 5655, 268], [20903, 7660, 237]]),
+        (defects.rescanned, [[21382, 7122, 296], [21511, 7012, 277], [22342, 6184, 274]]),
+        (defects.with_spurious_rays, [[20236, 8341, 223], [22877, 5655, 268], [20903, 7660, 237]]),
     ],
 )
 def test_a_defect_is_drawn_as_it_was(defect, expected: list[list[int]]):

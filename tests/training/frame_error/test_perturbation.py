@@ -10,8 +10,8 @@ from rendezvous.alignment.frame_error import corrected, frame_error, meeting_poi
 from rendezvous.alignment.window import OCCUPIED_CELL, UNKNOWN_CELL, map_window
 from rendezvous.errors import ConfigError
 from rendezvous.geometry.se2 import SE2
-from rendezvous.training.frame_error.pairs import PairTable
-from rendezvous.training.frame_error.perturbation import (
+from rendezvous.training.frame_error.pairs import (
+    PairTable,
     Perturbation,
     PerturbationRange,
     draw_perturbation,

@@ -10,8 +10,7 @@ import pytest
 import torch
 from rendezvous.errors import ConfigError
 from rendezvous.training.frame_error.data import TrainingBatches
-from rendezvous.training.frame_error.pairs import PairTable
-from rendezvous.training.frame_error.perturbation import PerturbationRange
+from rendezvous.training.frame_error.pairs import PairTable, PerturbationRange
 from rendezvous.training.frame_error.registry import (
     MODEL_NAMES,
     FrameErrorModel,

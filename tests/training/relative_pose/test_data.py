@@ -14,15 +14,13 @@ from rendezvous.geometry.cuboid import project_cuboid
 from rendezvous.training.batches import training_loader
 from rendezvous.training.relative_pose.data import (
     PoseTrainingBatches,
-    pose_batch,
-    target_maps,
-    validation_samples,
-)
-from rendezvous.training.relative_pose.looks import (
     draw_close_look,
     draw_look_elsewhere,
     draw_wide_look,
+    pose_batch,
     span_px,
+    target_maps,
+    validation_samples,
 )
 from rendezvous.training.relative_pose.poses import PoseTable
 from rendezvous.training.relative_pose.sampling import ImageAugmentation, PoseSampling, augmented_image

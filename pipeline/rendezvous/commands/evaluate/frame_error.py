@@ -39,8 +39,13 @@ from rendezvous.stages.weights.provenance import commit, hardware, versions
 from rendezvous.store.disk import Disk
 from rendezvous.store.read import StageReader
 from rendezvous.store.records import digest_of
-from rendezvous.training.frame_error.pairs import SPLIT_NAMES, PairTable, read_pairs
-from rendezvous.training.frame_error.perturbation import PerturbationRange, perturbed_pair
+from rendezvous.training.frame_error.pairs import (
+    SPLIT_NAMES,
+    PairTable,
+    PerturbationRange,
+    perturbed_pair,
+    read_pairs,
+)
 
 if TYPE_CHECKING:
     from rendezvous.stages.weights.trained_estimators import Trained

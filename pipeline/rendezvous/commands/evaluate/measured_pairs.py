@@ -19,8 +19,9 @@ from rendezvous.evaluation.frame_error.estimates import Outcome, outcome
 from rendezvous.stages.weights.estimators import SelectedMethod
 from rendezvous.store.disk import Disk
 from rendezvous.store.records import json_bytes
-from rendezvous.training.frame_error.pairs import MapPair, PairTable
-from rendezvous.training.frame_error.perturbation import (
+from rendezvous.training.frame_error.pairs import (
+    MapPair,
+    PairTable,
     Perturbation,
     PerturbationRange,
     evaluation_perturbation,

@@ -12,8 +12,7 @@ from rendezvous.alignment.estimate import WRONG_M, WRONG_RAD, Estimate
 from rendezvous.alignment.frame_error import corrected, pose_difference
 from rendezvous.evaluation.json_record import FiniteOrNot, JsonRecord, OptionalArray, OptionalPose, Pose
 from rendezvous.geometry.se2 import SE2, Array
-from rendezvous.training.frame_error.pairs import MapPair
-from rendezvous.training.frame_error.perturbation import PerturbedPair
+from rendezvous.training.frame_error.pairs import MapPair, PerturbedPair
 
 SUCCESS_M, SUCCESS_RAD = 0.3, float(np.radians(3.0))
 """An estimate this close to the truth in both is a success."""

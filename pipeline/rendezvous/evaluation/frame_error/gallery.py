@@ -15,8 +15,7 @@ from rendezvous.evaluation.pictures.canvas import BLUE, INK, PAPER, RED, UNSEEN,
 from rendezvous.evaluation.pictures.map_panels import BOTH, SEEN
 from rendezvous.geometry.camera import Image
 from rendezvous.geometry.se2 import SE2, Array
-from rendezvous.training.frame_error.pairs import MapPair
-from rendezvous.training.frame_error.perturbation import PerturbedPair
+from rendezvous.training.frame_error.pairs import MapPair, PerturbedPair
 
 PANEL_PX = 420
 _MARGIN_M = 0.5

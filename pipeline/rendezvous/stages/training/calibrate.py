@@ -16,11 +16,12 @@ from rendezvous.stages.weights.trained_estimators import load
 from rendezvous.store.disk import Disk
 from rendezvous.store.read import StageReader
 from rendezvous.training.checkpoint import read_checkpoint, with_record
-from rendezvous.training.frame_error.pairs import PairTable, read_pairs
-from rendezvous.training.frame_error.perturbation import (
+from rendezvous.training.frame_error.pairs import (
+    PairTable,
     PerturbationRange,
     evaluation_perturbation,
     perturbed_pair,
+    read_pairs,
 )
 
 PAIRS = 400

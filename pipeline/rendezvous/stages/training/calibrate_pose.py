@@ -20,7 +20,7 @@ from rendezvous.pose_estimation.observation_model import ObservationModel
 from rendezvous.pose_estimation.pose_calibration import PoseCalibration
 from rendezvous.pose_estimation.pose_calibration_fit import ReadImage, SeenPeaks, fitted, likeliest_noise
 from rendezvous.stages.training.seen_images import SeenImage, digest_of_images, read_images
-from rendezvous.stages.weights.pose_weights import load_relative_pose
+from rendezvous.stages.weights.trained_estimators import load_relative_pose
 from rendezvous.store.disk import Disk
 from rendezvous.store.read import StageReader
 from rendezvous.training.checkpoint import read_checkpoint, with_record

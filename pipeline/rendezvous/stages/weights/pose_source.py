@@ -107,7 +107,7 @@ def _loaded(weights: PoseWeights, floor: bool) -> ImagePoseEstimator:
     _require_torch()
     import torch
 
-    from rendezvous.stages.weights.pose_weights import load_relative_pose
+    from rendezvous.stages.weights.trained_estimators import load_relative_pose
 
     torch.set_num_threads(1)
     return replace(load_relative_pose(_bytes(weights.path), where=str(weights.path)), floor=floor)

@@ -1,4 +1,4 @@
-"""Trained networks as estimators of the frame error."""
+"""Trained networks as estimators, of the frame error and of the relative pose."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import torch
 from pydantic import TypeAdapter, ValidationError
+from torch import nn
 
 from rendezvous.alignment.estimate import Estimate, FrameErrorEstimator
 from rendezvous.alignment.window import WINDOW_CELL_M, WINDOW_CELLS, MapWindow, SearchRange
@@ -20,7 +21,11 @@ from rendezvous.models.frame_error_network import FrameErrorViT, attention_rollo
 from rendezvous.models.matcher_calibration import MatcherCalibration
 from rendezvous.models.matcher_estimator import MatcherEstimator
 from rendezvous.models.posterior import RefinedPosterior
-from rendezvous.training.checkpoint import fit_weights_in_place, read_checkpoint
+from rendezvous.models.relative_pose_estimator import CloseLook, RelativePoseEstimator
+from rendezvous.models.relative_pose_network import RelativePoseConfig, RelativePoseNet
+from rendezvous.pose_estimation.observation_model import SeenRobot
+from rendezvous.pose_estimation.pose_calibration import PoseCalibration
+from rendezvous.training.checkpoint import Checkpoint, fit_weights_in_place, read_checkpoint
 from rendezvous.training.frame_error.registry import (
     DEFAULT_MODEL,
     FrameErrorModel,
@@ -29,6 +34,7 @@ from rendezvous.training.frame_error.registry import (
     rebuilt_model,
 )
 from rendezvous.training.parameters import Sampling
+from rendezvous.training.relative_pose.model import POSE_MODEL, PoseModel
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -81,11 +87,9 @@ def load(data: bytes, name: str, search: SearchRange, *, where: str, threads: in
         StoreError: the file is damaged.
         ConfigError: the weights are of another model, or were trained on another window.
     """
-    found = read_checkpoint(data, where=where)
-    record = found.record
     kind = METHODS[name].model
-    if record.get("model") != kind:
-        raise ConfigError(f"{where}: weights of {record.get('model')!r}; must be those of {kind!r}")
+    found = _read(data, kind, where=where)
+    record = found.record
     torch.set_num_threads(threads)
     try:
         sampling = TypeAdapter(Sampling).validate_python(record["sampling"])
@@ -95,8 +99,7 @@ def load(data: bytes, name: str, search: SearchRange, *, where: str, threads: in
         raise ConfigError(f"{where}: sampling.{place}: {fault['msg']}; train anew") from error
     _require_same_window(kind, sampling, where=where)
     model = rebuilt_model(kind, record["network"], sampling)
-    fit_weights_in_place(model, found.under("average.") or found.tensors, where=where)
-    model = model.to("cuda" if torch.cuda.is_available() else "cpu").eval()
+    _fill_in_place(model, found, where=where)
     if isinstance(model, MatcherModel):
         estimator = RememberingMatcher(
             model=model.network,
@@ -136,3 +139,49 @@ def _attention(network: FrameErrorViT) -> Callable[[MapWindow], Array]:
         return places
 
     return looked_at
+
+
+def load_relative_pose(data: bytes, *, where: str) -> RelativePoseEstimator:
+    """The estimator with these weights.
+
+    Raises:
+        StoreError: the file is damaged.
+        ConfigError: the weights are of another model, or their record is incomplete.
+    """
+    found = _read(data, POSE_MODEL, where=where)
+    record = found.record
+    try:
+        network = RelativePoseConfig.from_dict(record["network"])
+        sampling, robot = record["sampling"], record["robot"]
+        look = CloseLook(
+            input_px=int(sampling["input_px"]),
+            span_px=float(sampling["close_span_px"]),
+            sigma_cells=float(sampling["belief_sigma_cells"]),
+        )
+        x_m, y_m, z_m = (float(side) for side in robot["size_m"])
+        T_r1_o = np.array(robot["T_r1_o"], np.float64).reshape(4, 4)
+    except (ConfigError, KeyError, TypeError, ValueError) as error:
+        raise ConfigError(
+            f"{where}: its record of the training has a wrong or missing entry ({error}); train anew"
+        ) from error
+    model = PoseModel(RelativePoseNet(network))
+    _fill_in_place(model, found, where=where)
+    return RelativePoseEstimator(
+        network=model.network,
+        robot=SeenRobot(size_m=(x_m, y_m, z_m), T_r1_o=T_r1_o),
+        close=look,
+        calibration=PoseCalibration.from_dict(record.get("calibration", PoseCalibration().as_dict())),
+    )
+
+
+def _read(data: bytes, kind: str, *, where: str) -> Checkpoint:
+    found = read_checkpoint(data, where=where)
+    if found.record.get("model") != kind:
+        raise ConfigError(f"{where}: weights of {found.record.get('model')!r}; must be those of {kind!r}")
+    return found
+
+
+def _fill_in_place(model: nn.Module, found: Checkpoint, *, where: str) -> None:
+    """Give the model its averaged weights, and bring it to the GPU if there is one."""
+    fit_weights_in_place(model, found.under("average.") or found.tensors, where=where)
+    model.to("cuda" if torch.cuda.is_available() else "cpu").eval()

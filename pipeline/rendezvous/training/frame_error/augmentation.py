@@ -21,13 +21,15 @@ from rendezvous.geometry.se2 import SE2, Array
 from rendezvous.training.frame_error.defects import (
     bent,
     beyond_line_unknown,
+    free_cells,
     patched,
     ragged,
+    rescanned,
     specked,
     thickened,
+    with_spurious_rays,
 )
 from rendezvous.training.frame_error.pairs import MapPair
-from rendezvous.training.frame_error.rescan import free_cells, rescanned, with_spurious_rays
 
 _IN_BOTH = 0.7
 """Share of obstacles that stand in both maps; the others were moved between the two visits."""

@@ -16,8 +16,8 @@ from rendezvous.geometry.occupancy_grid import Cells
 from rendezvous.seeds import stream
 from rendezvous.training.batches import EpochOrder, NumberedBatches, evenly_spread
 from rendezvous.training.frame_error.augmentation import augmented
-from rendezvous.training.frame_error.pairs import PairTable
-from rendezvous.training.frame_error.perturbation import (
+from rendezvous.training.frame_error.pairs import (
+    PairTable,
     PerturbedPair,
     draw_perturbation,
     evaluation_perturbation,
