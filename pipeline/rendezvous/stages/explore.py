@@ -61,7 +61,6 @@ def explore(run: Run) -> Manifest:
 
 
 def _report_left_out(run: Run, manifest: Manifest) -> None:
-    """Say how many episodes could not be run, and why the first could not."""
     left_out = manifest.quarantined
     if not left_out:
         return

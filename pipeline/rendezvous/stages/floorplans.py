@@ -212,7 +212,6 @@ def _shard_count(section: FloorplansSection) -> int | None:
 
 
 def _report_acceptance(run: Run, manifest: Manifest) -> None:
-    """Say how many plans are usable and why the others are not."""
     candidates, plans = manifest.counts().get("candidates", 0), manifest.rows
     for entry in manifest.quarantined[:REASONS_SHOWN]:
         run.say(f"floorplans: left out {entry.item_id}: {entry.reason}")

@@ -84,7 +84,6 @@ def _check_same_robot(explore: StageReader, robot: RobotSpec) -> None:
 def _view_tasks(
     job: RenderJob, meshes: StageReader, explore: StageReader, shared: dict[str, Any]
 ) -> Iterator[Task]:
-    """Tasks that take the pictures of the sightings, each on some plans."""
     plans = {item.item_id: item for item in meshes.items()}
     section = job.section
     parameters = {"render.draws.shadow_share", "render.jpeg_quality", "render.texture_variants"}
@@ -110,7 +109,6 @@ def _view_tasks(
 
 
 def _pose_tasks(job: RenderJob, meshes: StageReader, shared: dict[str, Any]) -> Iterator[Task]:
-    """Tasks that make the training images, each in some plans."""
     section = job.section
     photos = {"render.backgrounds": job.photos.digest() if job.photos else None}
     return item_tasks(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 
@@ -46,10 +47,10 @@ def train(run: Run, *, out: Path | None = None, resume: bool = False) -> Path:
             FrameErrorValidation(batches=measured, device=processes.device, seed=seed),
             name=section.model,
             rows="pairs",
-            sampling=section.sampling,
             out=out,
             resume=resume,
             processes=processes,
+            sampling=asdict(section.sampling),
         )
     if processes.first and section.model == DEFAULT_MODEL:
         _calibrate(run, len(pairs["validation"]), folder)

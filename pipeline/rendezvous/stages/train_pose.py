@@ -52,11 +52,11 @@ def train_pose(run: Run, *, out: Path | None = None, resume: bool = False) -> Pa
             PoseValidation(samples=samples, sampling=section.sampling, device=processes.device),
             name=POSE_MODEL,
             rows=KIND,
-            sampling=section.sampling,
             out=out,
             resume=resume,
             processes=processes,
             robot=asdict(training.robot()),
+            sampling=asdict(section.sampling),
         )
     if processes.first:
         _calibrate(run, len(validation), folder)
@@ -79,7 +79,6 @@ def _calibrate(run: Run, validation_rows: int, folder: Path) -> None:
 
 
 def _features(path: str) -> dict[str, Tensor]:
-    """The tensors of a safetensors file."""
     try:
         return safetensors.torch.load(Disk(str(Path(path).parent)).read(Path(path).name))
     except (StoreError, OSError, safetensors.SafetensorError) as error:

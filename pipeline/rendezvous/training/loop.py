@@ -80,7 +80,6 @@ class Processes:
 
     @property
     def first(self) -> bool:
-        """Whether this process is the first."""
         return self.rank == 0
 
     def synchronised(self, module: nn.Module) -> nn.Module:

@@ -51,7 +51,6 @@ class RenderJob:
     photos: PhotoFolder
 
     def studio(self) -> Studio:
-        """This process's studio."""
         return _studio(self.seed, self.robot, self.section.texture_variants)
 
 
@@ -150,7 +149,6 @@ def _furnished(job: RenderJob, plan: Floorplan, wall_height_m: float) -> Iterato
 
 
 def _pose_row(job: RenderJob, place: FurnishedPlan, pose_id: str, number: int) -> dict[str, Any]:
-    """One training image."""
     studio, plan = job.studio(), place.plan
     robot, camera = studio.robot, studio.camera
     mode = _mode(job, plan.plan_id, number)

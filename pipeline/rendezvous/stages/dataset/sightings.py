@@ -115,7 +115,6 @@ def _pair(scene: EpisodeScene, event: Rendezvous, observer: int, ghosts: Sequenc
 
 
 def _robot(i: int, snapshot: Snapshot, T_w_m: SE2) -> dict[str, Any]:
-    """One robot's columns."""
     T_m_r_true = T_w_m.inverse() @ snapshot.T_w_r
     slam, odometry = pose_error(snapshot.T_m_r, T_m_r_true), pose_error(snapshot.T_m_r_odometry, T_m_r_true)
     true_path = snapshot.trajectory_w.copy()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Generic, Protocol, TypeVar
@@ -40,6 +41,7 @@ class Validation(Protocol[ModelSeen]):
         """Images for TensorBoard, by name."""
 
 
+@dataclass(kw_only=True)
 class Recorder(Generic[Model]):
     """Validates, saves and reports, in the first process only.
 
@@ -47,34 +49,27 @@ class Recorder(Generic[Model]):
     point and every `checkpoint_every_s`.
     """
 
-    def __init__(
-        self,
-        *,
-        folder: Path,
-        about: Mapping[str, Any],
-        section: TrainingSection,
-        budget: Budget,
-        validation: Validation[Model],
-        processes: Processes,
-        console: Console,
-        resumed_samples: int,
-    ) -> None:
-        self._disk, self._about, self._section = Disk(str(folder)), about, section
-        self._model = about["model"]
-        self._budget, self._validation = budget, validation
-        self._processes, self._console = processes, console
-        self._events: SummaryWriter | None = None
-        if processes.first:
-            # A killed run's events after its last checkpoint will come again: TensorBoard drops them.
-            purge_step = resumed_samples + 1 if resumed_samples else None
-            self._events = _events(folder, purge_step)
+    folder: Path
+    about: Mapping[str, Any]
+    section: TrainingSection
+    budget: Budget
+    validation: Validation[Model]
+    processes: Processes
+    console: Console
+    resumed_samples: int
+
+    def __post_init__(self) -> None:
+        self._disk, self._model = Disk(str(self.folder)), self.about["model"]
+        # A killed run's events after its last checkpoint will come again: TensorBoard drops them.
+        purge_step = self.resumed_samples + 1 if self.resumed_samples else None
+        self._events = _events(self.folder, purge_step) if self.processes.first else None
         self._status: Status | None = None
         self._saved_s = self._reported_s = time.monotonic()
         self._rate_from: tuple[float, int] | None = None
 
     def __enter__(self) -> Recorder[Model]:
-        if self._processes.first and self._console.is_terminal:
-            self._status = self._console.status(f"train {self._model}")
+        if self.processes.first and self.console.is_terminal:
+            self._status = self.console.status(f"train {self._model}")
             self._status.start()
         return self
 
@@ -88,22 +83,22 @@ class Recorder(Generic[Model]):
 
     def after(self, state: TrainingState[Model], step: Step) -> None:
         """Do what is due after a step."""
-        if not self._processes.first:
+        if not self.processes.first:
             return
-        spent = self._budget.spent(state.samples, state.elapsed_s)
+        spent = self.budget.spent(state.samples, state.elapsed_s)
         self._report(state, step, spent)
         if state.step % _SCALARS_EVERY_STEPS == 0:
             self._write_scalars(state, step)
-        parts = self._section.validations
+        parts = self.section.validations
         if int(spent * parts) > int(step.spent * parts):
             self._add_point(state)
             self._save(state)
-        elif time.monotonic() - self._saved_s >= self._section.checkpoint_every_s:
+        elif time.monotonic() - self._saved_s >= self.section.checkpoint_every_s:
             self._save(state)
 
     def finish(self, state: TrainingState[Model]) -> None:
         """Write the last point and the last checkpoint."""
-        if not self._processes.first:
+        if not self.processes.first:
             return
         if state.loss_steps:
             self._add_point(state)
@@ -115,7 +110,7 @@ class Recorder(Generic[Model]):
             samples=state.samples,
             elapsed_s=round(state.elapsed_s, 3),
             training_loss=state.loss_sum / state.loss_steps,
-            **self._validation.figures(state.average),
+            **self.validation.figures(state.average),
         )
         state.curve.append(point)
         state.loss_sum, state.loss_steps = 0.0, 0
@@ -124,7 +119,7 @@ class Recorder(Generic[Model]):
             for name, value in point.as_dict().items():
                 if value is not None:
                     self._events.add_scalar(f"curve/{name}", value, state.samples)
-            for name, picture in self._validation.pictures(state.average).items():
+            for name, picture in self.validation.pictures(state.average).items():
                 self._events.add_image(name, picture, state.samples, dataformats="HWC")
 
     def _save(self, state: TrainingState[Model]) -> None:
@@ -132,10 +127,10 @@ class Recorder(Generic[Model]):
 
         The weights' record has the curve too, because a kill may leave the curve's file a point behind.
         """
-        record = {**self._about, "curve": [point.as_dict() for point in state.curve]}
+        record = {**self.about, "curve": [point.as_dict() for point in state.curve]}
         self._disk.write(WEIGHTS, weights_bytes(state, record))
         self._disk.write(CURVE, json_bytes({**record, "samples": state.samples}))
-        self._disk.write(CHECKPOINT, checkpoint_bytes(state, self._about))
+        self._disk.write(CHECKPOINT, checkpoint_bytes(state, self.about))
         self._saved_s = time.monotonic()
 
     def _write_scalars(self, state: TrainingState[Model], step: Step) -> None:
@@ -171,11 +166,10 @@ class Recorder(Generic[Model]):
             self._say(line)
 
     def _say(self, line: str) -> None:
-        self._console.print(f"train {self._model}: {line}", highlight=False, markup=False, soft_wrap=True)
+        self.console.print(f"train {self._model}: {line}", highlight=False, markup=False, soft_wrap=True)
 
 
 def _events(folder: Path, purge_step: int | None) -> SummaryWriter:
-    """TensorBoard's writer, which creates the run's folder."""
     try:
         return SummaryWriter(str(folder), purge_step=purge_step)
     except OSError as error:

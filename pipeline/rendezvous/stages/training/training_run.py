@@ -6,7 +6,6 @@ import os
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -61,19 +60,11 @@ def joined_processes(threads: int) -> Iterator[Processes]:
         dist.destroy_process_group()
 
 
-def _about_run(
-    run: Run,
-    section: TrainingSection,
-    tables: Mapping[str, PublishedRows],
-    *,
-    rows: str,
-    sampling: object,
-    **more: Any,
+def _about_data(
+    run: Run, section: TrainingSection, tables: Mapping[str, PublishedRows], rows: str
 ) -> dict[str, Any]:
-    """The model and the data of a run: the part of a checkpoint that never changes."""
+    """Parameters and data of a run; with its model they are the part of a checkpoint that never changes."""
     return {
-        **more,
-        "sampling": asdict(sampling),  # type: ignore[call-overload]
         "parameters": section.parameters(exclude=_MAY_CHANGE),
         "seed": run.config.seed,
         "data": {
@@ -130,7 +121,6 @@ def train_in_folder(
     *,
     name: str,
     rows: str,
-    sampling: object,
     out: Path | None,
     resume: bool,
     processes: Processes,
@@ -143,10 +133,7 @@ def train_in_folder(
         ConfigError: the checkpoint was begun with other parameters or data.
     """
     folder = out or Path(run.config.stages[section.stage()].writes) / name
-    network = model.config()
-    about = _about_run(
-        run, section, tables, rows=rows, sampling=sampling, model=name, network=network, **more
-    )
+    about = {"model": name, "network": model.config(), **more, **_about_data(run, section, tables, rows)}
     state = TrainingState.fresh(model.to(processes.device), section.optimisation)
     _begin_in_place(state, Disk(str(folder)), about, resume=resume)
     if processes.first:
@@ -200,7 +187,6 @@ def _announce(
     *,
     rows: str,
 ) -> None:
-    """Say what is trained, on which data, where, and from which sample on."""
     data, name = about["data"], about["model"]
     seeds = ", ".join(str(seed) for seed in data["seeds"])
     weights = sum(p.numel() for p in state.model.parameters())

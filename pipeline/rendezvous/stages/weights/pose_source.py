@@ -67,7 +67,6 @@ class PoseWeights:
         return _loaded(self, floor)
 
     def record(self) -> dict[str, Any]:
-        """The record of the training."""
         _require_torch()
         from rendezvous.training.checkpoint import read_checkpoint
 

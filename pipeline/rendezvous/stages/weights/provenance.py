@@ -26,14 +26,11 @@ def commit() -> str:
 
 def hardware() -> str:
     """Cores and processor, such as `2 cores of Intel(R) Xeon(R) CPU @ 2.20GHz`."""
-    cores, model = len(os.sched_getaffinity(0)), platform.processor() or platform.machine()
     info = Path("/proc/cpuinfo")
-    if info.is_file():
-        lines = info.read_text(encoding="utf-8").splitlines()
-        model = next(
-            (line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")), model
-        )
-    return f"{cores} cores of {model}"
+    lines = info.read_text(encoding="utf-8").splitlines() if info.is_file() else []
+    models = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
+    model = models[0] if models else platform.processor() or platform.machine()
+    return f"{len(os.sched_getaffinity(0))} cores of {model}"
 
 
 def versions(packages: Iterable[str]) -> dict[str, str]:

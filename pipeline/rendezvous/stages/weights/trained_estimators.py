@@ -58,7 +58,6 @@ class NetworkEstimator:
 
     @torch.inference_mode()
     def __call__(self, window: MapWindow) -> Estimate:
-        """The network's estimate."""
         device = next(self.model.parameters()).device
         sight = np.zeros_like(window.cells) if window.sight is None else window.sight
         layers = (torch.from_numpy(layer)[None].to(device) for layer in (window.cells, sight))
@@ -73,7 +72,6 @@ class RememberingMatcher(MatcherEstimator):
     last: dict[str, Any] = field(default_factory=dict, repr=False)
 
     def posterior(self, window: MapWindow) -> RefinedPosterior:
-        """The posterior of θ over the search."""
         if self.last.get("window") is not window:
             self.last.update(window=window, posterior=MatcherEstimator.posterior(self, window))
         found: RefinedPosterior = self.last["posterior"]

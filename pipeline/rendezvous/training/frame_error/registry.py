@@ -199,7 +199,6 @@ class FrameErrorValidation:
         return {"validation_loss": loss, "error_x_m": x_m, "error_y_m": y_m, "error_yaw_rad": yaw_rad}
 
     def pictures(self, model: FrameErrorModel) -> dict[str, Image]:
-        """No pictures."""
         return {}
 
 

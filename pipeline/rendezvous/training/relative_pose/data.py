@@ -246,7 +246,6 @@ def target_maps(uv_px: Array, sampling: PoseSampling) -> tuple[Maps, Maps]:
 
 
 def _size_px(pose: PoseImage) -> tuple[int, int]:
-    """Width and height."""
     height, width = pose.image.shape[:2]
     return width, height
 

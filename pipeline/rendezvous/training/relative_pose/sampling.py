@@ -165,7 +165,6 @@ def _tone_curves(parameters: ImageAugmentation, rng: np.random.Generator) -> Ima
 
 
 def _noisy(image: Image, sigma: float, rng: np.random.Generator) -> Image:
-    """Normal noise on each channel."""
     noise = rng.standard_normal(image.shape, np.float32)
     noise *= np.float32(sigma)
     noise += image
