@@ -28,10 +28,7 @@ class Quarantined:
 class Shard:
     """What a stage makes from a shard's items.
 
-    Attributes:
-        table: the rows.
-        counts: by name ("episodes", "pairs"); the manifest holds their sums.
-        quarantined: items left out.
+    The manifest holds the sums of all shards' `counts`, such as those of "episodes" and "pairs".
     """
 
     table: pa.Table

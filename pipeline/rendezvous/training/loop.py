@@ -45,9 +45,7 @@ class CurvePoint(ABC):
 class TrainableModel(nn.Module, ABC, Generic[AnyBatch]):
     """A network and its loss.
 
-    Attributes:
-        suitable_learning_rate: the highest at which it learns well in batches of about ten.
-        point: the kind of its curve's points.
+    `suitable_learning_rate` is the highest at which it learns well in batches of about ten.
     """
 
     suitable_learning_rate: ClassVar[float]
@@ -66,11 +64,8 @@ class TrainableModel(nn.Module, ABC, Generic[AnyBatch]):
 class Processes:
     """This process among those that train together.
 
-    Attributes:
-        rank: its number; the first validates, saves and reports.
-        count: number of processes; with more than one the group of `torch.distributed` has been joined.
-        on_this_machine: number of them that share this machine's cores.
-        device: on which it computes its share of a batch.
+    Process 0, the first, validates, saves and reports. `on_this_machine` of the `count` processes share
+    this machine's cores; with a `count` above 1 the group of `torch.distributed` has been joined.
     """
 
     rank: int = 0

@@ -62,17 +62,13 @@ def sighting_rows(
 
 def _ghosts(scene: EpisodeScene, event: Rendezvous) -> list[int]:
     """Number of cells in each robot's map that the other robot left."""
-    counts = []
-    for own, other in ((0, 1), (1, 0)):
-        snapshot = event.snapshots[own]
-        mask = ghost_cells(
-            snapshot.grid,
-            snapshot.T_w_r @ snapshot.T_m_r.inverse(),
-            scene.lidar_segments_m,
-            event.snapshots[other].trajectory_w[:, 1:3],
+    masks = [
+        ghost_cells(
+            own.grid, own.T_w_r @ own.T_m_r.inverse(), scene.lidar_segments_m, other.trajectory_w[:, 1:3]
         )
-        counts.append(int(mask.sum()))
-    return counts
+        for own, other in (event.snapshots, event.snapshots[::-1])
+    ]
+    return [int(mask.sum()) for mask in masks]
 
 
 def _seen(sighting: Sighting, robot: RobotSpec) -> dict[str, Any]:

@@ -22,10 +22,9 @@ _FEATURES = "features."
 class PosePoint(CurvePoint):
     """A point of the curve of a pose network; distances in pixels of its input.
 
-    Attributes:
-        keypoints_found: share of the keypoints in close looks whose belief map has a peak.
-        mean_distance_px, median_distance_px: from those peaks to the keypoints; None if none is found.
-        false_peaks: share of looks without the robot that show a centroid nevertheless.
+    `keypoints_found` is the share of the keypoints in close looks whose belief map has a peak, distances
+    are from those peaks to the keypoints (None if none is found), `false_peaks` is the share of looks
+    without the robot that show a centroid.
     """
 
     keypoints_found: float
