@@ -47,7 +47,7 @@ def test_files_of_a_user_named_like_our_folders_change_nothing(tmp_path: Path):
         "from rendezvous import SE2, fuse\nprint(SE2.identity().x_m, fuse.__name__)\n"
     )
     both = {"PYTHONPATH": f"{tmp_path / 'path'}:{paths()['PYTHONPATH']}"}
-    assert run("script.py", cwd=tmp_path, **both) == "fuse\n"
+    assert run("script.py", cwd=tmp_path, **both) == "0.0 fuse\n"
     made = ("--preset", "smoke", "--set", "floorplans.sources=[]", "--set", "floorplans.generate.count=1")
     run("-m", "rendezvous", "floorplans", *made, "--workers", "1", cwd=tmp_path, **both)
     assert (tmp_path / "data" / "floorplans" / "manifest.json").is_file()

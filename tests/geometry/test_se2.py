@@ -56,3 +56,8 @@ def test_angles_wrap_to_the_half_open_turn(angle_rad: float, wrapped_rad: float)
 def test_a_pose_that_is_not_finite_is_refused(value: float) -> None:
     with pytest.raises(PipelineError, match="is not finite"):
         SE2(0.0, value, 0.0)
+
+
+def test_a_pose_holds_plain_numbers_whatever_it_was_made_of():
+    pose = SE2(np.float64(1.5), np.float32(-2.0), 3) @ SE2(np.float64(0.0), 0.0, 0.0)
+    assert repr(pose) == "SE2(x_m=1.5, y_m=-2.0, yaw_rad=3.0)"

@@ -33,6 +33,9 @@ class SE2:
     yaw_rad: float
 
     def __post_init__(self) -> None:
+        if not type(self.x_m) is type(self.y_m) is type(self.yaw_rad) is float:
+            for name in ("x_m", "y_m", "yaw_rad"):
+                object.__setattr__(self, name, float(getattr(self, name)))
         if not (math.isfinite(self.x_m) and math.isfinite(self.y_m) and math.isfinite(self.yaw_rad)):
             raise PipelineError(
                 f"SE(2) pose ({self.x_m}, {self.y_m}, {self.yaw_rad}) is not finite; "

@@ -17,11 +17,11 @@ from rendezvous.errors import StoreError
 from rendezvous.evaluation.frame_error import report
 from rendezvous.evaluation.frame_error.estimates import outcome_table
 from rendezvous.evaluation.frame_error.gallery import Shown, panels
-from rendezvous.evaluation.frame_error.measured_row import Conditions, MeasuredRow, Training
+from rendezvous.evaluation.frame_error.measured_row import Conditions, MeasuredRow
 from rendezvous.evaluation.frame_error.report import FrameErrorContent, frame_error_part
 from rendezvous.evaluation.frame_error.summary import Comparison, comparisons, summary
 from rendezvous.evaluation.frame_error.symmetry import Symmetry
-from rendezvous.evaluation.frame_error.training_curve import TrainingCurve
+from rendezvous.evaluation.frame_error.training_curve import Training, TrainingCurve
 from rendezvous.evaluation.report.page import report_page
 from rendezvous.evaluation.report.recorded_figures import read_recorded
 from rendezvous.evaluation.statistics import Interval, resample_weights

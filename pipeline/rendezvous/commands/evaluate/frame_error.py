@@ -19,10 +19,11 @@ from rendezvous.commands.evaluate.report_folder import PAGE, keep_evaluation, ke
 from rendezvous.errors import ConfigError, StoreError
 from rendezvous.evaluation.frame_error.estimates import Outcome, outcome_table
 from rendezvous.evaluation.frame_error.gallery import Panel, Shown, attention_panel, chosen_pairs, panels
-from rendezvous.evaluation.frame_error.measured_row import Conditions, MeasuredRow, Training
+from rendezvous.evaluation.frame_error.measured_row import Conditions, MeasuredRow
 from rendezvous.evaluation.frame_error.report import FrameErrorContent, frame_error_part
 from rendezvous.evaluation.frame_error.summary import comparisons, ranking, summary
 from rendezvous.evaluation.frame_error.symmetry import WIDE_RANGE_DEG, Symmetry, turn_symmetry
+from rendezvous.evaluation.frame_error.training_curve import Training
 from rendezvous.evaluation.statistics import resample_weights
 from rendezvous.geometry.se2 import Array
 from rendezvous.methods import METHODS, Method

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from rendezvous.evaluation.frame_error.summary import Summary
-from rendezvous.evaluation.frame_error.training_curve import TrainingCurve, doubt
+from rendezvous.evaluation.frame_error.training_curve import Training, doubt
 from rendezvous.evaluation.json_record import JsonRecord
 from rendezvous.evaluation.report.recorded_figures import FORMAT
 
@@ -59,30 +59,6 @@ class Conditions:
     def measured_on(self) -> tuple[int, str]:
         """The number of pairs, and the noun."""
         return self.pairs, "pairs"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Training:
-    """How a network was trained.
-
-    Attributes:
-        seed: of weights and samples.
-        samples: number seen.
-        minutes: of training; None without a curve.
-        data: the dataset's folder, as it was called there.
-        pairs, plans: numbers of training pairs and of their floor plans.
-        weights_digest: SHA-256 of the file.
-        curve: error against samples; None if it was neither in the weights nor beside them.
-    """
-
-    seed: int
-    samples: int
-    minutes: float | None
-    data: str
-    pairs: int
-    plans: int
-    weights_digest: str
-    curve: TrainingCurve | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

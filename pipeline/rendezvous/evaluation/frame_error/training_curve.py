@@ -1,4 +1,4 @@
-"""Error against training samples, and whether training had converged."""
+"""How a network was trained: error against samples, and whether that had converged."""
 
 from __future__ import annotations
 
@@ -58,6 +58,30 @@ class TrainingCurve(JsonRecord):
             _lower_median(error[last]) >= (1.0 - STILL_FALLING) * _lower_median(error[before])
             for error in (self.position_m, self.yaw_rad)
         )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Training:
+    """How a network was trained.
+
+    Attributes:
+        seed: of weights and samples.
+        samples: number seen.
+        minutes: of training; None without a curve.
+        data: the dataset's folder, as it was called there.
+        pairs, plans: numbers of training pairs and of their floor plans.
+        weights_digest: SHA-256 of the file.
+        curve: error against samples; None if it was neither in the weights nor beside them.
+    """
+
+    seed: int
+    samples: int
+    minutes: float | None
+    data: str
+    pairs: int
+    plans: int
+    weights_digest: str
+    curve: TrainingCurve | None
 
 
 def doubt(curve: TrainingCurve | None) -> str:

@@ -15,8 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from rendezvous.alignment.window import DEFAULT_SEARCH, SearchRange
 from rendezvous.errors import ConfigError, StoreError, needs_extra
-from rendezvous.evaluation.frame_error.measured_row import Training
-from rendezvous.evaluation.frame_error.training_curve import TrainingCurve
+from rendezvous.evaluation.frame_error.training_curve import Training, TrainingCurve
 from rendezvous.methods import Method, installed_methods, method_at
 from rendezvous.resources import WEIGHTS
 from rendezvous.store.disk import Disk
@@ -113,7 +112,7 @@ def trained(selected: SelectedMethod, *, threads: int) -> Trained:
         StoreError: the weights are missing or damaged.
         ConfigError: they are another model's.
     """
-    with needs_extra("learn", selected.name):
+    with needs_extra("fuse", selected.name):
         from rendezvous.stages.weights.trained_estimators import load
     assert selected.weights is not None
     data, where = _bytes(selected.weights), str(selected.weights)
