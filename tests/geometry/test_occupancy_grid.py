@@ -1,3 +1,5 @@
+from fractions import Fraction
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -96,3 +98,28 @@ def test_overlap_of_maps_of_two_resolutions_is_that_of_their_areas() -> None:
     fine = grid_of(np.full((10, 10), FREE), resolution_m=0.1)
     assert overlap(coarse, fine, SE2.identity()) == approx(1.0 / 4.0)
     assert overlap(fine, coarse, SE2.identity()) == approx(1.0 / 4.0)
+
+
+@pytest.mark.parametrize("resolution_m", [np.float16(0.5), np.longdouble(0.5), np.array(0.5), Fraction(1, 2)])
+def test_a_resolution_of_any_kind_of_number_is_kept_as_a_float(resolution_m):
+    grid = OccupancyGrid(cells=np.zeros((2, 2), np.uint8), resolution_m=resolution_m, T_m_g=SE2.identity())
+    assert type(grid.resolution_m) is float
+    assert grid.resolution_m == 0.5
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({"resolution_m": "fine"}, "resolution fine m; must be positive"),
+        ({"resolution_m": None}, "resolution None m; must be positive"),
+        ({"resolution_m": np.inf}, "resolution inf m; must be positive"),
+        ({"resolution_m": 10**400}, "resolution 10"),
+        ({"cells": [[0, 254]]}, "must be .H, W. uint8"),
+        ({"cells": None}, "must be .H, W. uint8"),
+        ({"T_m_g": (0.0, 0.0, 0.0)}, "T_m_g tuple; must be an SE2"),
+    ],
+)
+def test_what_makes_no_grid_is_named(wrong, said):
+    given = {"cells": np.zeros((2, 2), np.uint8), "resolution_m": 0.05, "T_m_g": SE2.identity()}
+    with pytest.raises(MapError, match=said):
+        OccupancyGrid(**(given | wrong))

@@ -328,3 +328,19 @@ def test_a_faulty_calibration_is_named_with_its_fault(tmp_path, text, old, new, 
 def test_a_missing_calibration_is_named(tmp_path):
     with pytest.raises(CameraError, match=r"nowhere\.yaml: cannot be read as YAML \(.*No such file"):
         read_camera_info(tmp_path / "nowhere.yaml")
+
+
+@pytest.mark.parametrize(
+    "model", ["None", "none", "pinhole", "Inverse Brown Conrady", "plumb bob", "plumb-bob "]
+)
+@pytest.mark.parametrize("count", [0, 1, 5, 6])
+def test_coefficients_of_zero_bend_nothing_under_any_name(tmp_path, model, count):
+    info = read_camera_info(_file(tmp_path, _lens(f"'{model}'", [0.0] * count)))
+    assert info.distortion_model == "plumb_bob"
+    assert not any(info.distortion)
+
+
+@pytest.mark.parametrize("model", ["none", "radtan", "kannala_brandt"])
+def test_coefficients_of_another_model_are_refused(tmp_path, model):
+    with pytest.raises(CameraError, match=f"distortion_model is '{model}'; must be one of plumb_bob"):
+        read_camera_info(_file(tmp_path, _lens(model, [0.1] * 5)))

@@ -78,7 +78,13 @@ HEADERS = (
     b"P5#x\n3#width\n#\n2\n#maximum\n255\n",
     b"P5\n3 2\n255#x\n",
 )
-SLOPPY_HEADERS = (b"P5 3 2 255\r\n", b"P5\n3 2\n255 # x\n", b"P5\n3 2\n255  \n", b"P5\n3 2\n255 # x\r\n")
+SLOPPY_HEADERS = (
+    b"P5 3 2 255\r\n",
+    b"P5\n3 2\n255 # x\n",
+    b"P5\n3 2\n255  \n",
+    b"P5\n3 2\n255 # x\r\n",
+    b"P5\n3 2\n255\n#x\n#\n",
+)
 
 
 @pytest.mark.parametrize("header", HEADERS + SLOPPY_HEADERS)
@@ -167,8 +173,10 @@ def test_sixteen_bits_are_kept(tmp_path):
 @pytest.mark.parametrize(
     ("data", "message"),
     [
-        (b"", r"0 bytes that are no PGM \(P2, P5\), PNG or BMP image"),
-        (b"\xff\xd8\xff\xe0 a photo", "bytes that are no PGM"),
+        (b"", r"0 bytes that are no PGM \(P2, P5\), PNG, BMP or JPEG image"),
+        (b"\xff\xd8\xff\xe0 a photo", "image of 0 x 0 pixels"),
+        (_encoded(".jpg")[:-1], "bytes of a damaged or cut off image"),
+        (b"\xff\xd8\xff\xc0\0\x0b\x08\xff\xfe\xff\xff\1", "image of 65535 x 65534 pixels"),
         (b"P6\n1 1\n255\n\0\0\0", "bytes that are no PGM"),
         (b"P5", "is no PGM: its header lacks"),
         (b"P5\n3 -2\n255\n", "is no PGM: its header lacks"),
@@ -221,3 +229,11 @@ def test_a_huge_image_costs_no_memory(tmp_path, data):
         _read(tmp_path, data)
     assert tracemalloc.get_traced_memory()[1] < 1_000_000
     tracemalloc.stop()
+
+
+@pytest.mark.parametrize("channels", [1, 3])
+def test_a_jpeg_is_read_to_its_noise(tmp_path, channels):
+    greys = np.full((40, 56), 205, np.uint8)
+    greys[8:24] = 0
+    image = _read(tmp_path, _encoded(".jpg", np.dstack([greys] * channels).squeeze()))
+    assert np.abs(image.grey.astype(int) - greys).max() < 10

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import cv2
@@ -33,12 +34,19 @@ class OccupancyGrid:
     T_m_g: SE2
 
     def __post_init__(self) -> None:
-        if self.cells.ndim != 2 or self.cells.dtype != np.uint8:
-            raise MapError(
-                f"occupancy grid of shape {self.cells.shape}, {self.cells.dtype}; must be (H, W) uint8"
-            )
-        if not self.resolution_m > 0.0:
+        cells = np.asarray(self.cells)
+        if cells.ndim != 2 or cells.dtype != np.uint8:
+            raise MapError(f"occupancy grid of shape {cells.shape}, {cells.dtype}; must be (H, W) uint8")
+        try:
+            resolution_m = float(self.resolution_m)
+        except (TypeError, ValueError, OverflowError):
+            resolution_m = math.nan
+        if not 0.0 < resolution_m < math.inf:
             raise MapError(f"occupancy grid with resolution {self.resolution_m} m; must be positive")
+        if not isinstance(self.T_m_g, SE2):
+            raise MapError(f"occupancy grid with T_m_g {type(self.T_m_g).__name__}; must be an SE2")
+        object.__setattr__(self, "cells", cells)
+        object.__setattr__(self, "resolution_m", resolution_m)
 
     def occupied(self) -> Mask:
         """(H, W) bool."""

@@ -9,6 +9,7 @@ already undistorted and need a calibration without distortion.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -31,6 +32,9 @@ COEFFICIENT_COUNTS = {
     **dict.fromkeys(FISHEYE_MODELS, (4,)),
 }
 """Allowed numbers of coefficients per model; an empty list means no distortion."""
+
+_STRAIGHT_MODELS = ("none", "pinhole", "perspective", "brown_conrady", "inverse_brown_conrady", "radtan")
+"""What drivers call a lens whose coefficients are all 0; with others, these models are not OpenCV's."""
 
 _PADDED_COUNTS = (5, 8, 12, 14)
 """Lengths to which drivers pad the coefficients with zeros: those of OpenCV's models."""
@@ -84,20 +88,25 @@ def read_camera_info(path: Path) -> CameraInfo:
     camera = _camera(fields, path)
     _require_whole_image(fields, camera, path)
     model = fields.get("distortion_model") or "plumb_bob"
-    if not isinstance(model, str) or model.lower() not in COEFFICIENT_COUNTS:
+    name = re.sub(r"[\s-]+", "_", str(model).strip().lower())
+    distortion = _list(fields, ("distortion_coefficients", "d", "D"), path)
+    if name in _STRAIGHT_MODELS and not any(distortion):
+        name = "plumb_bob"
+    counts = COEFFICIENT_COUNTS.get(name)
+    if counts is None:
         raise CameraError(
             f"{path}: distortion_model is {short(model)}; must be one of {', '.join(COEFFICIENT_COUNTS)}"
         )
-    distortion = _list(fields, ("distortion_coefficients", "d", "D"), path)
-    counts = COEFFICIENT_COUNTS[model.lower()]
     if len(distortion) in _PADDED_COUNTS and not any(distortion[counts[-1] :]):
         distortion = distortion[: counts[-1]]
+    elif name not in FISHEYE_MODELS and len(distortion) not in counts and not any(distortion):
+        distortion = []  # as for image_proc, zeros bend nothing, however many there are
     if distortion and len(distortion) not in counts:
         raise CameraError(
             f"{path}: {model} has {len(distortion)} coefficients; must be {' or '.join(map(str, counts))}, "
             "or none"
         )
-    return CameraInfo(camera=camera, distortion_model=model.lower(), distortion=tuple(distortion))
+    return CameraInfo(camera=camera, distortion_model=name, distortion=tuple(distortion))
 
 
 def write_camera_info(camera: PinholeCamera, path: Path) -> None:

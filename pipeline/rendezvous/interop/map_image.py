@@ -1,4 +1,4 @@
-"""Images of ROS maps: grey PGM, PNG or BMP, with or without transparency.
+"""Images of ROS maps: grey PGM, PNG, BMP or JPEG, with or without transparency.
 
 map_server averages the channels of a coloured image. A coloured image is far more likely to be the wrong file
 than a map, so here it is an error; one that is grey in all three channels is read.
@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rendezvous.errors import MapError
-from rendezvous.interop.decoding import PNG_START, decoded, is_whole
+from rendezvous.interop.decoding import JPEG_START, PNG_START, decoded, is_whole, jpeg_size
 from rendezvous.interop.given_file import given_bytes
 
 MAX_PIXELS = 100_000_000
@@ -31,6 +31,9 @@ Grey = NDArray[np.uint8 | np.uint16]
 # White space and comments between the magic, the width, the height and the maximum.
 _GAP = rb"(?:\s|#[^\n\r]*[\n\r])+"
 _HEADER = re.compile(rb"(P[25])" + 3 * (_GAP + rb"(\d{1,9})") + rb"(?=[\s#])")
+
+# White space, a rest of the line, a line and comments.
+_HEADER_ENDS = rb"(?:#[^\n\r]*)?\s", rb"[ \t]*(?:#[^\n\r]*)?\r?\n", rb"\s(?:#[^\n\r]*\r?\n)+"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -60,7 +63,9 @@ def read_map_image(path: Path) -> MapImage:
     try:
         data = given_bytes(path)
     except OSError as error:
-        raise MapError(f"{path}: image cannot be read ({error.strerror}); must be PGM, PNG or BMP") from error
+        raise MapError(
+            f"{path}: image cannot be read ({error.strerror}); must be PGM, PNG, BMP or JPEG"
+        ) from error
     if data[:2] in (b"P2", b"P5"):
         return _pgm(data, path)
     width, height, whole = _announced(data, path)
@@ -78,14 +83,16 @@ def read_map_image(path: Path) -> MapImage:
 
 
 def _announced(data: bytes, path: Path) -> tuple[int, int, bool]:
-    """Width and height from the header of a PNG or BMP, and whether the file is complete."""
+    """Width and height from the header of a PNG, BMP or JPEG, and whether the file is complete."""
     if data.startswith(PNG_START) and len(data) > 32:
         return *struct.unpack(">II", data[16:24]), is_whole(data)
     if data.startswith(b"BM") and len(data) > 32:
         (size,) = struct.unpack("<I", data[2:6])
         width, height = struct.unpack("<ii", data[18:26])
         return width, abs(height), len(data) >= size
-    raise MapError(f"{path}: {len(data):,} bytes that are no PGM (P2, P5), PNG or BMP image")
+    if data.startswith(JPEG_START):
+        return *jpeg_size(data), is_whole(data)
+    raise MapError(f"{path}: {len(data):,} bytes that are no PGM (P2, P5), PNG, BMP or JPEG image")
 
 
 def _require_size(width: int, height: int, source: Path) -> None:
@@ -144,7 +151,7 @@ def _raster(rest: bytes, size_bytes: int, *, crlf: bool) -> bytes:
     elif extra > 0 and re.fullmatch(_GAP, rest[:extra]):
         starts = (extra,)
     else:
-        ends = (re.match(end, rest) for end in (rb"(?:#[^\n\r]*)?\s", rb"[ \t]*(?:#[^\n\r]*)?\r?\n"))
+        ends = (re.match(end, rest) for end in _HEADER_ENDS)
         starts = tuple(end.end() for end in ends if end)
     for start in starts:
         if rest[start + size_bytes :].isspace():

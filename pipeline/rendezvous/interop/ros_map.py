@@ -40,7 +40,8 @@ OCCUPIED_THRESH, FREE_THRESH = 0.65, 0.196
 
 MODES = ("trinary", "scale", "raw")
 KEYS = "a ROS map's image, resolution and origin"
-_NEGATE = {"0": False, "0.0": False, "false": False, "1": True, "1.0": True, "true": True}
+_NEGATE = dict.fromkeys(("0", "0.0", "false", "no", "n", "off"), False)
+_NEGATE |= dict.fromkeys(("1", "1.0", "true", "yes", "y", "on"), True)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -166,12 +167,14 @@ def _as_meant(image: MapImage, header: _Header, source: Path) -> Cells:
                 f"{(cells[changed] != UNKNOWN).sum():,} fewer (as map_server reads them with --strict)",
                 stacklevel=3,
             )
-    if header.mode == "scale" and not visible.all():
-        return cells  # transparency says what is unknown, so a grey is a probability
     brightness = np.rint(np.arange(image.white + 1) * (255.0 / image.white)).astype(np.uint8)
+    brightness = (255 - brightness if header.negate else brightness)[image.grey]
+    unknown = visible & (abs(brightness.astype(np.int16) - UNKNOWN) <= 1)
+    if header.mode == "scale" and (~visible).sum() > unknown.sum():
+        return cells  # transparency says what is unknown, so a grey is a probability
     keep_meaning(
         cells,
-        (255 - brightness if header.negate else brightness)[image.grey],
+        brightness,
         visible,
         Thresholds(occupied=header.occupied_thresh, free=header.free_thresh, negate=header.negate),
         source,
@@ -211,7 +214,7 @@ def _header(path: Path) -> _Header:
 def _image_name(fields: dict[str, Any], path: Path) -> str:
     image = _required(fields, "image", path)
     if not isinstance(image, str) or not image:
-        raise MapError(f"{path}: image is {short(image)}; must be the path of a PGM, PNG or BMP")
+        raise MapError(f"{path}: image is {short(image)}; must be the path of a PGM, PNG, BMP or JPEG")
     return image
 
 

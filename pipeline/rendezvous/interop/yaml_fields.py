@@ -1,7 +1,8 @@
-"""YAML files of other programs, read with one-line errors."""
+"""YAML files of other programs, read as leniently as yaml-cpp reads them, with one-line errors."""
 
 from __future__ import annotations
 
+import codecs
 import math
 import reprlib
 from pathlib import Path
@@ -18,11 +19,26 @@ MOST_BYTES = 10_000_000
 _SHOWN_LETTERS = 100
 
 
+class _Loader(yaml.SafeLoader):
+    """Ignores tags that are not YAML's own, such as OpenCV's, and what makes a date, as yaml-cpp does."""
+
+
+def _as_written(loader: _Loader, node: yaml.Node) -> Any:
+    if isinstance(node, yaml.MappingNode):
+        return loader.construct_mapping(node, deep=True)
+    sequence = isinstance(node, yaml.SequenceNode)
+    return loader.construct_sequence(node, deep=True) if sequence else loader.construct_scalar(node)
+
+
+for _tag in (None, "tag:yaml.org,2002:timestamp"):
+    _Loader.add_constructor(_tag, _as_written)
+
+
 def read_yaml_fields(path: Path, error: type[PipelineError], *, right: str) -> dict[str, Any]:
     """Keys and values of the first document in a YAML file.
 
     Args:
-        path: the file, in UTF-8.
+        path: the file, in UTF-8, or UTF-16 as PowerShell writes it; tabs count as spaces.
         error: type of the error to raise.
         right: what the file should hold, for the error's text.
 
@@ -31,8 +47,10 @@ def read_yaml_fields(path: Path, error: type[PipelineError], *, right: str) -> d
     """
     try:
         # `ros2 topic echo` ends every message with `---`, so more documents may follow.
-        text = given_bytes(path, most_bytes=MOST_BYTES).decode("utf-8")
-        fields = next(iter(yaml.safe_load_all(text)), None)
+        data = given_bytes(path, most_bytes=MOST_BYTES)
+        wide = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
+        text = data.decode("utf-16" if wide else "utf-8", errors="replace").replace("\t", " ")
+        fields = next(iter(yaml.load_all(text, _Loader)), None)
     except (OSError, ValueError, RecursionError, yaml.YAMLError) as cause:
         why = cause.strerror if isinstance(cause, OSError) else " ".join(str(cause).split())
         raise error(f"{path}: cannot be read as YAML ({why}); must be {right}") from cause

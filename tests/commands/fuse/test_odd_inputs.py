@@ -123,6 +123,36 @@ def test_a_picture_is_read_as_it_is_stored_and_its_orientation_told(
     assert all("has an EXIF orientation" in text and "it is read as it is stored" in text for text in said)
 
 
+def tiff(pixels: np.ndarray, orientation: int, order: str) -> bytes:
+    """An uncompressed TIFF of (H, W, 3) uint8 in one strip."""
+    height, width = pixels.shape[:2]
+    tags = {256: width, 257: height, 258: 8, 259: 1, 262: 2, 273: 8, 274: orientation, 277: 3, 278: height}
+    entries = [struct.pack(f"{order}HHII", tag, 4, 1, value) for tag, value in tags.items()]
+    entries[6] = struct.pack(f"{order}HHIHH", 274, 3, 1, orientation, 0)
+    entries.append(struct.pack(f"{order}HHII", 279, 4, 1, pixels.size))
+    start = (b"II*\0" if order == "<" else b"MM\0*") + struct.pack(f"{order}I", 8 + pixels.size)
+    return start + pixels.tobytes() + struct.pack(f"{order}H", len(entries)) + b"".join(entries) + bytes(4)
+
+
+@pytest.mark.parametrize("order", "<>")
+@pytest.mark.parametrize("orientation", range(1, 9))
+def test_a_tiff_is_read_as_it_is_stored(tmp_path: Path, orientation: int, order: str, recwarn):
+    (tmp_path / "photo.tif").write_bytes(tiff(picture(), orientation, order))
+    shot = read_photograph(tmp_path / "photo.tif", LENSLESS, number=0)
+    np.testing.assert_array_equal(shot.image, picture())
+    assert len(recwarn.list) == (orientation != 1)
+
+
+def test_a_pose_of_any_kind_of_number_is_fused_or_named():
+    cells = np.full((20, 20), 254, np.uint8)
+    numbers = [np.longdouble(value) for value in (0.5, 0.5, 0.0)]
+    grid = OccupancyGrid(cells=cells, resolution_m=0.1, T_m_g=SE2(*map(np.float16, numbers)))
+    poses = {"pose0": SE2(*numbers), "pose1": SE2(*numbers)}
+    assert fuse(grid, grid, **poses, relative=SE2(*numbers), refine="none").grid.resolution_m == 0.1
+    with pytest.raises(PipelineError, match=r"relative is \(10+.*must be x \[m\], y \[m\], yaw \[rad\]"):
+        fuse(grid, grid, **poses, relative=(10**400, 0, 0), refine="none")
+
+
 def test_a_motion_photo_is_read(tmp_path: Path, recwarn):
     whole = cv2.imencode(".jpg", picture())[1].tobytes()
     for name, more in (("padded.jpg", bytes(4096)), ("motion.jpg", b"\0\0\0\x18ftypmp42" + whole * 3)):

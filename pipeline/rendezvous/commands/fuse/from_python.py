@@ -121,7 +121,7 @@ _SIX = "x, y, z [m], roll, pitch, yaw [rad]"
 
 
 def _pose(name: str, given: PoseLike) -> SE2:
-    return given if isinstance(given, SE2) else SE2(*_three(name, given))
+    return SE2(*_three(name, given.as_array() if isinstance(given, SE2) else given))
 
 
 def _three(name: str, given: Sequence[float] | Array) -> tuple[float, float, float]:
@@ -133,7 +133,7 @@ def _floats(name: str, given: Sequence[float] | Array, shape: str) -> tuple[floa
     """As many numbers as the shape has commas and one more."""
     try:
         values = tuple(float(value) for value in given)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         values = ()
     if len(values) != shape.count(",") + 1:
         raise ConfigError(f"{name} is {' '.join(repr(given).split())}; must be {shape}")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
@@ -13,9 +13,9 @@ import numpy as np
 from rendezvous.errors import CameraError, ConfigError, MapError
 from rendezvous.geometry.camera import Image, PinholeCamera, camera_pose
 from rendezvous.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
-from rendezvous.geometry.se2 import Array
+from rendezvous.geometry.se2 import SE2, Array
 from rendezvous.interop.camera_info import CameraInfo, read_camera_info
-from rendezvous.interop.decoding import decoded, is_whole
+from rendezvous.interop.decoding import TIFF_STARTS, decoded, is_whole
 from rendezvous.interop.given_file import given_bytes
 from rendezvous.interop.ros_map import read_ros_map
 from rendezvous.robot_file import load_robot
@@ -54,7 +54,7 @@ def read_map(given: MapLike, *, strict: bool) -> OccupancyGrid:
                 f"a map is given with {others.size} cells of other values, as {others[0]}; must be "
                 f"{OCCUPIED} occupied, {UNKNOWN} unknown, {FREE} free"
             )
-        return given
+        return replace(given, T_m_g=SE2.from_array(given.T_m_g.as_array()))
     if not isinstance(given, str | Path):
         raise MapError(f"a map is given as {type(given).__name__}; must be its YAML file or an OccupancyGrid")
     return read_ros_map(Path(given), strict=strict)
@@ -136,7 +136,8 @@ def _decoded(path: Path) -> Image:
         raise CameraError(
             f"{path}: {len(data)} bytes that are no image; must be PNG, JPEG or another that OpenCV reads"
         )
-    turned = decoded(data, cv2.IMREAD_COLOR_RGB) if re.search(rb"(?i)exif", data) else image
+    may_be_turned = data.startswith(TIFF_STARTS) or re.search(rb"(?i)exif", data)
+    turned = decoded(data, cv2.IMREAD_COLOR_RGB) if may_be_turned else image
     if not np.array_equal(turned, image):  # type: ignore[arg-type]
         warnings.warn(
             f"{path}: has an EXIF orientation, by which viewers turn it; it is read as it is stored, as the "
