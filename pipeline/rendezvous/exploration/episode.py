@@ -193,9 +193,7 @@ class _Exploration:
         first, second = self._robots
         self._events.append(
             Rendezvous(
-                t_s=self._physics.time_s,
-                sightings=sightings,
-                snapshots=(first.snapshot(), second.snapshot()),
+                t_s=self._physics.time_s, sightings=sightings, snapshots=(first.snapshot(), second.snapshot())
             )
         )
         self._next_event_s = self._physics.time_s + self._p.event_gap_s

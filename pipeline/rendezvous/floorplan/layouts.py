@@ -65,11 +65,7 @@ def office(rng: np.random.Generator, *, slanted: bool) -> Storey:
             corridor = _largest(corridor.union(ends[int(rng.integers(len(ends)))]))
     pieces = _polygons(shell.difference(corridor))
     rooms = _subdivided_all(
-        pieces,
-        rng,
-        room_area_m2=rng.uniform(11.0, 22.0),
-        min_side_m=2.2,
-        slant=0.25 if slanted else 0.0,
+        pieces, rng, room_area_m2=rng.uniform(11.0, 22.0), min_side_m=2.2, slant=0.25 if slanted else 0.0
     )
     cells = [corridor, *merged(rooms, rng, share=0.1, max_area_m2=45.0)]
     posts = [post for cell in cells[1:] if cell.area > 32.0 for post in _pillars(cell, rng)]
@@ -203,12 +199,7 @@ def _screens(cell: Polygon, rng: np.random.Generator, pillars: list[Polygon]) ->
 
 
 def _subdivided_all(
-    pieces: list[Polygon],
-    rng: np.random.Generator,
-    *,
-    room_area_m2: float,
-    min_side_m: float,
-    slant: float,
+    pieces: list[Polygon], rng: np.random.Generator, *, room_area_m2: float, min_side_m: float, slant: float
 ) -> list[Polygon]:
     return [
         room

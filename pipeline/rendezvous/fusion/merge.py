@@ -118,10 +118,7 @@ class ProbabilisticMerge:
 
 
 def probabilistically_merged(
-    grid_0: OccupancyGrid,
-    grid_1: OccupancyGrid,
-    T_m0_m1: SE2,
-    evidence: CellEvidence | None = None,
+    grid_0: OccupancyGrid, grid_1: OccupancyGrid, T_m0_m1: SE2, evidence: CellEvidence | None = None
 ) -> ProbabilisticMerge:
     """The global map in m0 by the sum of both maps' log-odds.
 

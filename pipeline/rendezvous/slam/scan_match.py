@@ -161,12 +161,7 @@ def _match(
 
 @njit
 def _associate(
-    points_m: Array,
-    normals: Array,
-    pose: Array,
-    surface: Surface,
-    gate_m: float,
-    matched: NDArray[np.int32],
+    points_m: Array, normals: Array, pose: Array, surface: Surface, gate_m: float, matched: NDArray[np.int32]
 ) -> None:
     """Write each point's element into `matched`, -1 for none."""
     c, s = math.cos(pose[2]), math.sin(pose[2])
