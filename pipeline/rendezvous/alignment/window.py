@@ -23,9 +23,7 @@ UNKNOWN_CELL, FREE_CELL, OCCUPIED_CELL = 0, 1, 2
 _CODES = np.zeros(256, np.uint8)
 _CODES[[FREE, OCCUPIED]] = FREE_CELL, OCCUPIED_CELL
 
-WINDOW_CELLS, WINDOW_CELL_M = 384, 0.05
-"""The paper's window: 19.2 m across."""
-
+WINDOW_CELLS, WINDOW_CELL_M = 384, 0.05  # the paper's window: 19.2 m across
 PAPER_XY_M, PAPER_YAW_RAD = 2.0, math.pi / 4.0
 """The range of frame errors, ±2 m, ±2 m, ±45°. The paper does not state it: it is inferred from the row of
 its Table I that failed to learn (0.999 m, 0.964 m, 0.394 rad), which are the means of a uniform
@@ -89,8 +87,7 @@ class SearchRange:
         return SearchRange(xy_m=math.sqrt(2.0) * xy_m, yaw_rad=yaw_rad)
 
 
-DEFAULT_SEARCH = SearchRange.covering(xy_m=PAPER_XY_M, yaw_rad=PAPER_YAW_RAD)
-"""Covers the paper's range."""
+DEFAULT_SEARCH = SearchRange.covering(xy_m=PAPER_XY_M, yaw_rad=PAPER_YAW_RAD)  # covers the paper's range
 
 
 def map_window(

@@ -24,9 +24,7 @@ from rendezvous.baselines.correlation import (
 from rendezvous.compiled import njit
 from rendezvous.geometry.se2 import wrap_angle
 
-ShiftBox = tuple[int, int, int, int]
-"""First row, row after the last, first column, column after the last."""
-
+ShiftBox = tuple[int, int, int, int]  # first row, row after the last, first column, column after the last
 NO_SHIFTS: ShiftBox = (0, 0, 0, 0)
 
 

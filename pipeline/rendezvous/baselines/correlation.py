@@ -21,15 +21,9 @@ from rendezvous.compiled import njit
 from rendezvous.geometry.occupancy_grid import Cells
 from rendezvous.geometry.se2 import SE2, Array
 
-SCORE_SCALE = 100
-"""Score of one wall cell exactly on a wall."""
-
-BLOCK = 4
-"""Side of the blocks of shifts that are bounded together [cells]; padding is a multiple of it."""
-
-LANES = 8
-"""Number of blocks along a row that are bounded at once."""
-
+SCORE_SCALE = 100  # score of one wall cell exactly on a wall
+BLOCK = 4  # side of the blocks of shifts that are bounded together [cells]; padding is a multiple of it
+LANES = 8  # number of blocks along a row that are bounded at once
 Field = NDArray[np.int16]
 Points = NDArray[np.int32]
 Scores = NDArray[np.int32]

@@ -14,8 +14,7 @@ from rendezvous.compiled import njit
 from rendezvous.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN, Cells
 from rendezvous.geometry.se2 import SE2, Array
 
-BLOCK = 2
-"""Fine cells per side of a planning cell."""
+BLOCK = 2  # fine cells per side of a planning cell
 
 # Lengths of a straight and a diagonal step in tenths of a cell, as the planner counts them.
 _STRAIGHT, _DIAGONAL = 10, 14

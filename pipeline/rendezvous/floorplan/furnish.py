@@ -16,18 +16,10 @@ from rendezvous.floorplan.records import Floorplan, Room, Solid
 from rendezvous.floorplan.site import CELL_M, Site
 from rendezvous.geometry.se2 import Array
 
-TRIES = 10
-"""Places tried for one piece."""
-
-FAILURES = 8
-"""A room is full when this many pieces in a row find no place."""
-
-ROUND_M2 = 18.0
-"""Floor per round of a recipe: only large rooms hold the same twice."""
-
-MIN_AGREEMENT = 0.3
-"""A label is a room's from this intersection over union on."""
-
+TRIES = 10  # places tried for one piece
+FAILURES = 8  # a room is full when this many pieces in a row find no place
+ROUND_M2 = 18.0  # floor per round of a recipe: only large rooms hold the same twice
+MIN_AGREEMENT = 0.3  # a label is a room's from this intersection over union on
 WALL_SPOT_STEP_M = 0.2
 
 

@@ -16,9 +16,7 @@ from rendezvous.floorplan.validate import FloorplanLimits, validated
 from rendezvous.geometry.se2 import Array
 from rendezvous.seeds import stream
 
-ATTEMPTS = 50
-"""Layouts drawn before giving up; a few per cent of them fail."""
-
+ATTEMPTS = 50  # layouts drawn before giving up; a few per cent of them fail
 SHIPPED_KINDS = ("apartment", "office", "apartment", "hall", "office", "apartment")
 
 ALL_REACHABLE = FloorplanLimits(min_reachable_share=0.97)

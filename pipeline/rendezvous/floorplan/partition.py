@@ -12,8 +12,7 @@ from shapely import LineString, Polygon, box
 
 from rendezvous.geometry.se2 import Array
 
-COLLINEAR_M = 1e-6
-"""Two edges closer than this lie on one wall."""
+COLLINEAR_M = 1e-6  # two edges closer than this lie on one wall
 
 
 def footprint(rng: np.random.Generator, *, width_m: float, depth_m: float, slanted: bool) -> Polygon:

@@ -15,10 +15,7 @@ from rendezvous.geometry.occupancy_grid import Cells
 from rendezvous.geometry.se2 import Array
 
 Regions = NDArray[np.int32]
-
-VACANT, WALL, DOORWAY, FURNITURE = 0, 1, 2, 3
-"""Why a cell is taken, if it is."""
-
+VACANT, WALL, DOORWAY, FURNITURE = 0, 1, 2, 3  # why a cell is taken, if it is
 HALF_DIAGONAL = 0.71
 
 

@@ -75,8 +75,7 @@ GENERIC = Recipe(
     then=(c.desk, c.sofa, c.dining_table, c.shelf, c.drawers, c.wardrobe, c.armchair, c.rack, *CLUTTER),
 )
 
-SMALL_HALL_M2 = 20.0
-"""A hall under this size is a hallway."""
+SMALL_HALL_M2 = 20.0  # a hall under this size is a hallway
 
 
 def recipe_for(category: str, *, area_m2: float) -> Recipe:

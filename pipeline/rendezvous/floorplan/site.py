@@ -23,27 +23,15 @@ from rendezvous.geometry.occupancy_grid import Cells
 from rendezvous.geometry.se2 import Array
 
 CELL_M = 0.05
-
-MARGIN_CELLS = 5
-"""Cells around the plan, so that a step out through a wall stays on the grid."""
-
+MARGIN_CELLS = 5  # cells around the plan, so that a step out through a wall stays on the grid
 WALL_SLACK_CELLS = 0.7
 """A piece may reach this far into a cell that a wall touches; exact polygons decide in the end."""
 
-STEERING_M = 0.065
-"""Room to steer, between a solid and the robot."""
-
-DOOR_CLEARANCE_M = 0.7
-"""Nothing stands this close to the middle of a doorway."""
-
-MAX_POCKET_M2 = 0.3
-"""Largest area that a piece of furniture may cut off, besides its own footprint."""
-
-MIN_REGION_LEFT = 0.4
-"""Share of each start region that furniture leaves reachable."""
-
-SHIFT = 4
-"""Binary digits of the fractions of a pixel that OpenCV draws with."""
+STEERING_M = 0.065  # room to steer, between a solid and the robot
+DOOR_CLEARANCE_M = 0.7  # nothing stands this close to the middle of a doorway
+MAX_POCKET_M2 = 0.3  # largest area that a piece of furniture may cut off, besides its own footprint
+MIN_REGION_LEFT = 0.4  # share of each start region that furniture leaves reachable
+SHIFT = 4  # binary digits of the fractions of a pixel that OpenCV draws with
 
 
 class Site:

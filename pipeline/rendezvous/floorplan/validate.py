@@ -21,20 +21,15 @@ PRECISION_M = 0.001
 RASTER_STEP_M = 0.01
 """HouseExpo's outlines were traced on pixels of this size; a vertex closer to a straight line is noise."""
 
-JOINT_M = 0.01
-"""Half the side of the square that joins two walls which meet in a point."""
-
-HALF_DOORS_M = (0.6, 0.75, 0.9)
-"""Half widths of the openings that separate rooms: doors, then archways."""
-
+JOINT_M = 0.01  # half the side of the square that joins two walls which meet in a point
+HALF_DOORS_M = (0.6, 0.75, 0.9)  # half widths of the openings that separate rooms: doors, then archways
 FARTHEST_M = 10_000.0
 """Plans lie within this distance of the origin, where GLB's 32 bits resolve a millimetre."""
 
 START_MARGIN_M = 0.145
 """A robot in a start region is this far from the walls, to within 4 cm where the walls have corners."""
 
-PASSAGE_MARGIN_M = 0.03
-"""A robot passes an opening if it is wider than its diameter by twice this."""
+PASSAGE_MARGIN_M = 0.03  # a robot passes an opening if it is wider than its diameter by twice this
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

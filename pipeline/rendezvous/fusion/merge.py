@@ -26,11 +26,8 @@ from rendezvous.errors import MapError, require_within
 from rendezvous.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from rendezvous.geometry.se2 import SE2, Array
 
-MAX_CELLS = 100_000_000
-"""Largest common grid: 500 m x 500 m at 0.05 m."""
-
-EDGE_CELLS = 1e-6
-"""A map that reaches less than this into a cell, by rounding, does not need that cell."""
+MAX_CELLS = 100_000_000  # largest common grid: 500 m x 500 m at 0.05 m
+EDGE_CELLS = 1e-6  # a map that reaches less than this into a cell, by rounding, does not need that cell
 
 
 class Merging(StrEnum):

@@ -23,14 +23,9 @@ OUTLIER_SIGMAS = (1.0, 1.0, math.radians(90.0))
 """Standard deviations [m, m, rad] of the frame error if the sighting is of something else: the paper's
 range in x and y, and nearly any heading."""
 
-WIDEST = SearchRange(xy_m=4.0, yaw_rad=math.pi)
-"""As far as a search makes sense in a window of 19 m."""
-
-NARROWEST = SearchRange(xy_m=0.3, yaw_rad=math.radians(5.0))
-"""A search always has some room: maps drift."""
-
-SEARCH_SIGMAS = 3.5
-"""Standard deviations that a search reaches."""
+WIDEST = SearchRange(xy_m=4.0, yaw_rad=math.pi)  # as far as a search makes sense in a window of 19 m
+NARROWEST = SearchRange(xy_m=0.3, yaw_rad=math.radians(5.0))  # a search always has some room: maps drift
+SEARCH_SIGMAS = 3.5  # standard deviations that a search reaches
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -16,9 +16,7 @@ from rendezvous.fusion.sighted_pose import SightedPose
 from rendezvous.geometry.occupancy_grid import UNKNOWN
 from rendezvous.geometry.se2 import Array
 
-AROUND_ROBOT_M = 0.25
-"""A map knows at least something this close to its robot: the floor that it stands on."""
-
+AROUND_ROBOT_M = 0.25  # a map knows at least something this close to its robot: the floor that it stands on
 LEAST_SCORE = 0.5
 """A detection that scores less is as likely something else: the score is calibrated as a probability."""
 
@@ -43,8 +41,7 @@ MOST_CONFLICTS = 0.08
 """Share of the cells known in both maps that are occupied in one and free in the other: at most 0.07 in
 such correct alignments, at least 0.07 in wrong ones."""
 
-AGREEMENT_MARGIN = 0.05
-"""A fall in agreement by less than this is rounding to cells."""
+AGREEMENT_MARGIN = 0.05  # a fall in agreement by less than this is rounding to cells
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

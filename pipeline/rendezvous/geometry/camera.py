@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from rendezvous.errors import PipelineError
 from rendezvous.geometry.se2 import SE2, Array
 
-Image = NDArray[np.uint8]
-"""(H, W, 3) red, green, blue."""
+Image = NDArray[np.uint8]  # (H, W, 3) red, green, blue
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

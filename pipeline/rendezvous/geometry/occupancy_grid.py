@@ -12,9 +12,7 @@ from numpy.typing import NDArray
 from rendezvous.errors import MapError
 from rendezvous.geometry.se2 import SE2, Array
 
-OCCUPIED, UNKNOWN, FREE = 0, 205, 254
-"""Cell values of ROS map_server's trinary mode."""
-
+OCCUPIED, UNKNOWN, FREE = 0, 205, 254  # cell values of ROS map_server's trinary mode
 Cells = NDArray[np.uint8]
 Mask = NDArray[np.bool_]
 

@@ -25,8 +25,7 @@ from rendezvous.geometry.se2 import SE2, Array
 from rendezvous.models.config import Config
 from rendezvous.models.posterior import RefinedPosterior
 
-SHARPNESSES = tuple(float(s) for s in np.geomspace(0.5, 8.0, 17))
-"""The values that are tried."""
+SHARPNESSES = tuple(float(s) for s in np.geomspace(0.5, 8.0, 17))  # the values that are tried
 _LIMITS = np.array([[1e-3, 1e3], [1e-5, 1.0], [1e-5, 1.0], [0.1, 1e3]])
 _FIRST_GUESS = (0.5, 0.005, 0.003, 3.0)
 """Scale, floor of x and y [m], floor of yaw [rad], degrees of freedom above 2."""

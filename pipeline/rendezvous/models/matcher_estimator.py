@@ -32,8 +32,7 @@ from rendezvous.models.posterior import (
 FIRST_LOOK = ((3, math.radians(1.0)), (6, 0.05), (6, 0.05))
 """Around a coarse peak, along heading, y and x: number of cells on either side, and their size [rad, m,
 m]."""
-LOOKS = 3
-"""Number of first looks, each centred on the previous one's peak while that lies on its edge."""
+LOOKS = 3  # number of first looks, each centred on the previous one's peak while that lies on its edge
 CLOSE_LOOK_CELLS = (4, 5, 5)
 FINEST, COARSEST = (math.radians(0.15), 0.0075, 0.0075), (math.radians(1.0), 0.06, 0.06)
 CELLS_PER_SIGMA = 1.2

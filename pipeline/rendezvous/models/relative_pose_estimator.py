@@ -32,8 +32,7 @@ FIRST_FOCAL_PX = (308.0, 154.0)
 """Focal lengths of the first looks: at every distance of a sighting, the robot spans 10 to 140 px in one
 of them."""
 CANDIDATES = 3
-_LEAST_CANDIDATE_HEIGHT = 0.03
-"""Least mean height of a candidate's nine peaks in a first look."""
+_LEAST_CANDIDATE_HEIGHT = 0.03  # least mean height of a candidate's nine peaks in a first look
 _WELL_CENTRED_SHARE, _WELL_SCALED = 0.15, 1.3
 """A close look is good if its robot is no further from the middle than this share of the input, and off in
 size by less than this factor; otherwise another one is taken."""

@@ -24,8 +24,7 @@ BELIEFS, FIELDS = 9, 16
 VGG_MEAN, VGG_STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
 """Of ImageNet's red, green and blue in [0, 1], on which VGG-19 was trained."""
 _VGG19 = (64, 64, "pool", 128, 128, "pool", 256, 256, 256, 256, "pool", 512, 512)
-_GROUP = 16
-"""Number of channels that are normalised together."""
+_GROUP = 16  # number of channels that are normalised together
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

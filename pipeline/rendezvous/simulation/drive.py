@@ -16,8 +16,7 @@ from rendezvous.simulation.nearby import Nearby, Slots
 from rendezvous.simulation.robot import CONTROL_HZ, RobotSpec
 from rendezvous.simulation.world import TIMESTEP_S, Drive, scene_mjcf
 
-TICK_S = 1.0 / CONTROL_HZ
-"""Period of the wheel controller and of the encoders."""
+TICK_S = 1.0 / CONTROL_HZ  # period of the wheel controller and of the encoders
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

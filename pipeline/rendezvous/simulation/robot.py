@@ -13,9 +13,7 @@ from rendezvous.geometry.camera import PinholeCamera, camera_pose
 from rendezvous.geometry.cuboid import Vec3
 from rendezvous.geometry.se2 import Array
 
-CONTROL_HZ = 20.0
-"""Rate of the wheel controller and of the encoders."""
-
+CONTROL_HZ = 20.0  # rate of the wheel controller and of the encoders
 _POSITIVE = (
     "radius_m",
     "mass_kg",

@@ -25,9 +25,7 @@ class Drive(StrEnum):
     PLANAR = "planar"
 
 
-SLOT_Z_M = -100.0
-"""Height of unused slots, out of every robot's reach."""
-
+SLOT_Z_M = -100.0  # height of unused slots, out of every robot's reach
 TIMESTEP_S = {Drive.WHEELS: 0.005, Drive.PLANAR: 0.010}
 
 _RGBA = {"wall": "0.85 0.83 0.78 1"}

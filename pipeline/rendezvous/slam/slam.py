@@ -16,9 +16,7 @@ from rendezvous.slam.mapping import MappingParameters, OccupancyMapper
 from rendezvous.slam.scan_match import MatchParameters, match_scan, scan_normals
 from rendezvous.slam.surface_map import SurfaceMap
 
-MOST_CELLS = 8000
-"""Cells per side of the largest map."""
-
+MOST_CELLS = 8000  # cells per side of the largest map
 _LEAST_SIGMA_M = 1e-3  # a surface seen by an ideal lidar still has a weight
 
 
