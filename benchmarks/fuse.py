@@ -27,9 +27,8 @@ from rendezvous.commands.fuse.outputs import write_fused
 from rendezvous.errors import StoreError
 from rendezvous.evaluation.pictures.canvas import encoded_png
 from rendezvous.evaluation.pictures.fusion import fusion_picture
-from rendezvous.fusion.fusion_input import FusionInput
+from rendezvous.fusion.fusion_input import FusionInput, SightedPose
 from rendezvous.fusion.refinement import Refinement, Refiner
-from rendezvous.fusion.sighted_pose import SightedPose
 from rendezvous.fusion.system import fuse_maps
 from rendezvous.geometry.se2 import SE2
 from rendezvous.interop.ros_map import write_ros_map

@@ -15,8 +15,8 @@ from rendezvous.floorplan.walls import lidar_outline
 from rendezvous.geometry.se2 import SE2, Array
 from rendezvous.robot_file import load_robot
 from rendezvous.seeds import stream
-from rendezvous.simulation.lidar import beam_bearings
 from rendezvous.simulation.rays import cast_rays, ray_scene
+from rendezvous.simulation.robot import beam_bearings
 from rendezvous.simulation.world import scene_mjcf
 
 from benchmarks.clocks import side_by_side_s

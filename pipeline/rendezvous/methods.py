@@ -28,8 +28,7 @@ from rendezvous.baselines.hough import HoughSpectrum
 from rendezvous.baselines.identity import Identity
 from rendezvous.baselines.orb import OrbRansac
 from rendezvous.errors import ConfigError
-from rendezvous.fusion.prior import FrameErrorPrior
-from rendezvous.fusion.refinement import Refiner, correlative_refiner
+from rendezvous.fusion.refinement import FrameErrorPrior, Refiner, correlative_refiner
 from rendezvous.models.table_one import ABLATION_ROWS, PRINTED_HOUGH, AblationRow, PrintedErrors
 
 ENTRY_POINTS = "rendezvous.methods"

@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 from pytest import approx
 from rendezvous.exploration import episode as episode_module
-from rendezvous.exploration.episode import run_episode
+from rendezvous.exploration.episode import Surroundings, furnished, run_episode
 from rendezvous.exploration.explorer import Explorer
 from rendezvous.exploration.records import Episode, EpisodeParameters
 from rendezvous.exploration.starts import draw_starts
-from rendezvous.exploration.surroundings import Surroundings, furnished
 from rendezvous.floorplan.furnish import furnish
 from rendezvous.floorplan.generate import GeneratorParameters, generate_floorplan
 from rendezvous.floorplan.records import Floorplan, Solid
@@ -21,9 +20,8 @@ from rendezvous.floorplan.validate import start_regions
 from rendezvous.floorplan.walls import wall_boxes
 from rendezvous.geometry.se2 import SE2, wrap_angle
 from rendezvous.seeds import stream
-from rendezvous.simulation.lidar import beam_bearings
 from rendezvous.simulation.rays import cast_rays
-from rendezvous.simulation.robot import RobotSpec
+from rendezvous.simulation.robot import RobotSpec, beam_bearings
 from rendezvous.simulation.world import Drive
 
 from tests.floorplan.plans import RADIUS_M

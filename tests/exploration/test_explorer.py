@@ -9,9 +9,8 @@ from rendezvous.exploration import goals as goals_module
 from rendezvous.exploration.explorer import Explorer
 from rendezvous.exploration.frontier import reach
 from rendezvous.exploration.records import ExplorerParameters
-from rendezvous.simulation.lidar import beam_bearings
 from rendezvous.simulation.rays import cast_rays, ray_scene
-from rendezvous.simulation.robot import RobotSpec
+from rendezvous.simulation.robot import RobotSpec, beam_bearings
 from rendezvous.slam.slam import SlamParameters
 
 from tests.simulation.scenes import burger, room_segments

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import shapely
 from rendezvous.floorplan.catalogue import Maker
+from rendezvous.floorplan.furnish import GENERIC, RECIPES, recipe_for
 from rendezvous.floorplan.piece import DRIVE_UNDER_M
-from rendezvous.floorplan.recipes import GENERIC, RECIPES, recipe_for
 from rendezvous.floorplan.records import Shape, Solid
 from shapely.affinity import rotate, translate
 

@@ -10,11 +10,16 @@ from rendezvous.alignment.estimate import Estimate
 from rendezvous.alignment.frame_error import frame_error
 from rendezvous.alignment.window import DEFAULT_SEARCH, MapWindow
 from rendezvous.errors import MapError
-from rendezvous.fusion.fusion_input import FusionInput, SlamSpread
+from rendezvous.fusion.fusion_input import FusionInput, SightedMode, SightedPose, SlamSpread, sighted_pose
 from rendezvous.fusion.merge import merged
-from rendezvous.fusion.prior import FrameErrorPrior, frame_error_prior
-from rendezvous.fusion.refinement import WINDOW_TURN_RAD, Refiner, correlative_refiner, matcher_refiner
-from rendezvous.fusion.sighted_pose import SightedMode, SightedPose, sighted_pose
+from rendezvous.fusion.refinement import (
+    WINDOW_TURN_RAD,
+    FrameErrorPrior,
+    Refiner,
+    correlative_refiner,
+    frame_error_prior,
+    matcher_refiner,
+)
 from rendezvous.fusion.system import FusionResult, fuse_maps
 from rendezvous.geometry.occupancy_grid import UNKNOWN, OccupancyGrid
 from rendezvous.geometry.se2 import SE2
@@ -23,7 +28,7 @@ from rendezvous.stages.weights.trained_estimators import load
 
 from tests.baselines.windows import cuts, window_with
 from tests.conftest import ROOT
-from tests.fusion.test_sighted_pose import pose_of, seen_at
+from tests.fusion.test_fusion_input import pose_of, seen_at
 
 T_W_M0, T_W_M1 = SE2(2.0, 2.0, 0.3), SE2(11.0, 6.0, -2.0)
 T_W_R0, T_W_R1 = SE2(5.6, 4.5, 0.0), SE2(7.0, 4.6, 2.4)

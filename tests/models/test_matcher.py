@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 import torch
 from rendezvous.alignment.frame_error import pose_difference
-from rendezvous.alignment.sight import OPEN_CELL
-from rendezvous.alignment.window import OCCUPIED_CELL, MapWindow, SearchRange
+from rendezvous.alignment.window import OCCUPIED_CELL, OPEN_CELL, MapWindow, SearchRange
 from rendezvous.errors import ConfigError
 from rendezvous.geometry.se2 import SE2
 from rendezvous.models.matcher import Matcher, MatcherConfig

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from rendezvous.alignment.spread import ellipsoid_probability, nees
+from rendezvous.alignment.frame_error import ellipsoid_probability, nees
 from rendezvous.alignment.window import SearchRange
 from rendezvous.errors import ConfigError
 from rendezvous.geometry.se2 import SE2, Array

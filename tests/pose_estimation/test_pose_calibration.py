@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from rendezvous.alignment.spread import ellipsoid_probability, nees
+from rendezvous.alignment.frame_error import ellipsoid_probability, nees
 from rendezvous.errors import ConfigError
 from rendezvous.geometry.se2 import SE2, Array
 from rendezvous.pose_estimation.cuboid_pose import Reading

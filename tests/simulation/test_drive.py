@@ -9,10 +9,9 @@ import pytest
 from pytest import approx
 from rendezvous.floorplan.records import Solid
 from rendezvous.geometry.se2 import SE2, Array
-from rendezvous.simulation.drive import TICK_S, Encoder, OdometryNoise, Physics
-from rendezvous.simulation.nearby import Nearby
+from rendezvous.simulation.drive import TICK_S, Encoder, Nearby, OdometryNoise, Physics
 from rendezvous.simulation.world import Drive, scene_mjcf
-from rendezvous.slam.odometry import WheelOdometry
+from rendezvous.slam.slam import WheelOdometry
 
 from tests.simulation.scenes import burger, pole, wall
 

@@ -2,7 +2,7 @@ import math
 
 import pytest
 from pytest import approx
-from rendezvous.slam.odometry import WheelOdometry
+from rendezvous.slam.slam import WheelOdometry
 
 
 def test_equal_wheels_go_straight() -> None:

@@ -9,8 +9,8 @@ from pytest import approx
 from rendezvous.errors import ConfigError
 from rendezvous.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN
 from rendezvous.geometry.se2 import Array
-from rendezvous.simulation.lidar import beam_bearings
 from rendezvous.simulation.rays import cast_rays, ray_scene
+from rendezvous.simulation.robot import beam_bearings
 from rendezvous.slam.mapping import MappingParameters, OccupancyMapper
 from rendezvous.slam.scan_match import MatchParameters, match_scan, scan_normals
 from rendezvous.slam.slam import Slam, SlamParameters, Sweep, compose, deskew, open_space, relative

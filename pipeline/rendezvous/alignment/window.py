@@ -13,10 +13,105 @@ from functools import reduce
 
 import numpy as np
 
-from rendezvous.alignment.resampling import resampled
-from rendezvous.alignment.sight import RobotSight, seen_from
-from rendezvous.geometry.occupancy_grid import FREE, OCCUPIED, Cells, OccupancyGrid
-from rendezvous.geometry.se2 import SE2
+from rendezvous.compiled import njit
+from rendezvous.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN, Cells, Mask, OccupancyGrid
+from rendezvous.geometry.se2 import SE2, Array
+
+HIDDEN_CELL, OPEN_CELL, ROBOT_CELL = 0, 1, 2
+"""Values of cells: behind a wall or out of range; in sight of the robot; under the robot."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RobotSight:
+    """How far a robot sees, and how large it is; the defaults are those of the shipped weights' training."""
+
+    range_m: float = 5.0
+    radius_m: float = 0.1
+
+
+def seen_from(occupied: Mask, robot_m: tuple[float, float], *, cell_m: float, robot: RobotSight) -> Cells:
+    """(N, N) uint8: ROBOT_CELL under the robot, OPEN_CELL where it has a line of sight, known or not.
+
+    Each map knows where its own robot stood at the sighting. In the right alignment both robots stand on free
+    floor, and neither map has a wall between them.
+
+    Args:
+        occupied: (N, N) the cells of a window that block sight.
+        robot_m: x, y in the window frame [m]; outside the window nothing is marked.
+        cell_m: side of a cell [m].
+        robot: its range and radius.
+    """
+    out = np.zeros(occupied.shape, np.uint8)
+    half = 0.5 * len(occupied)
+    col, row = robot_m[0] / cell_m + half, robot_m[1] / cell_m + half
+    _look_in_place(out, occupied, col, row, robot.range_m / cell_m, robot.radius_m / cell_m)
+    return out
+
+
+@njit
+def _look_in_place(out: Cells, occupied: Mask, col: float, row: float, reach: float, radius: float) -> None:
+    """Cast rays in all directions in steps of half a cell; their ends lie less than a cell apart."""
+    size = out.shape[0]
+    if not (0.0 <= col < size and 0.0 <= row < size):
+        return
+    rays = math.ceil(2.0 * math.pi * reach)
+    for ray in range(rays):
+        c, s = math.cos(2.0 * math.pi * ray / rays), math.sin(2.0 * math.pi * ray / rays)
+        for step in range(math.floor(2.0 * reach) + 1):
+            x, y = col + 0.5 * step * c, row + 0.5 * step * s
+            if not (0.0 <= x < size and 0.0 <= y < size):
+                break
+            if 0.5 * step > radius and occupied[int(y), int(x)]:
+                break
+            out[int(y), int(x)] = OPEN_CELL
+    for y in range(max(0, math.floor(row - radius)), min(size, math.ceil(row + radius))):
+        for x in range(max(0, math.floor(col - radius)), min(size, math.ceil(col + radius))):
+            if math.hypot(x + 0.5 - col, y + 0.5 - row) <= radius:
+                out[y, x] = ROBOT_CELL
+
+
+@njit
+def resampled(
+    source: Cells, T_s_g: Array, source_m: float, cell_m: float, corner_m: float, shape: tuple[int, int]
+) -> Cells:
+    """(H, W) uint8: the source's cells on another grid g.
+
+    Each cell takes the source cell that its centre lies in, unknown outside. A turned wall of one cell can
+    slip between all centres, so every occupied source cell also marks the cell that its own centre lies in.
+
+    Args:
+        source: cells of a map.
+        T_s_g: (3,) pose of frame g in the frame s of the source's outer corner: x [m], y [m], yaw [rad].
+        source_m: side of a source cell [m].
+        cell_m: side of a cell of g [m].
+        corner_m: x and y in g of the outer corner of its cell (0, 0) [m].
+        shape: H and W.
+    """
+    (height, width), (rows, cols) = source.shape, shape
+    c, s = math.cos(T_s_g[2]), math.sin(T_s_g[2])
+    out = np.full(shape, UNKNOWN, np.uint8)
+    # Cell to source cell: col_s = x0 + ux * col - uy * row, row_s = y0 + uy * col + ux * row.
+    ux, uy = c * cell_m / source_m, s * cell_m / source_m
+    first_m = 0.5 * cell_m + corner_m
+    x0 = (T_s_g[0] + (c - s) * first_m) / source_m
+    y0 = (T_s_g[1] + (s + c) * first_m) / source_m
+    for row in range(rows):
+        for col in range(cols):
+            col_s = math.floor(x0 + ux * col - uy * row)
+            row_s = math.floor(y0 + uy * col + ux * row)
+            if 0 <= row_s < height and 0 <= col_s < width:
+                out[row, col] = source[row_s, col_s]
+    for row_s in range(height):
+        for col_s in range(width):
+            if source[row_s, col_s] == OCCUPIED:
+                x_m = (col_s + 0.5) * source_m - T_s_g[0]
+                y_m = (row_s + 0.5) * source_m - T_s_g[1]
+                col = math.floor((c * x_m + s * y_m - corner_m) / cell_m)
+                row = math.floor((c * y_m - s * x_m - corner_m) / cell_m)
+                if 0 <= row < rows and 0 <= col < cols:
+                    out[row, col] = OCCUPIED
+    return out
+
 
 UNKNOWN_CELL, FREE_CELL, OCCUPIED_CELL = 0, 1, 2
 """Values of a window's cells. Where several fall into one cell, the largest wins."""
@@ -38,7 +133,7 @@ class MapWindow:
         cells: (2, N, N) uint8 of UNKNOWN_CELL, FREE_CELL, OCCUPIED_CELL; channel 0 is map 0, channel 1 map 1
             as the estimate places it; row grows with +y, col with +x of v.
         cell_m: side of a cell [m].
-        sight: (2, N, N) uint8 of `alignment.sight`'s cells: in each map its robot at the time of the sighting
+        sight: (2, N, N) uint8 of `seen_from`'s cells: in each map its robot at the time of the sighting
             and what that robot sees. Robot 1 stands in the middle. None without a sighting.
     """
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -10,12 +12,45 @@ from rendezvous.compiled import njit
 from rendezvous.exploration.explorer import Explorer
 from rendezvous.exploration.records import Episode, EpisodeParameters, Rendezvous, Snapshot
 from rendezvous.exploration.rendezvous import Sighting, sight
-from rendezvous.exploration.surroundings import Surroundings
+from rendezvous.floorplan.records import Floorplan, Solid
+from rendezvous.floorplan.walls import SightObstacles, lidar_outline, sight_obstacles
 from rendezvous.geometry.se2 import SE2, Array
 from rendezvous.simulation.drive import TICK_S, Encoder, Physics
-from rendezvous.simulation.lidar import beam_bearings, noisy_ranges
-from rendezvous.simulation.rays import RayScene, cast_rays
-from rendezvous.simulation.robot import RobotSpec
+from rendezvous.simulation.rays import RayScene, cast_rays, ray_scene
+from rendezvous.simulation.robot import RobotSpec, beam_bearings, noisy_ranges
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Surroundings:
+    """The world around the robots.
+
+    Attributes:
+        solids: all that they can run into.
+        lidar_scene: all that their lidars see, at the height that both have in common.
+        sight_obstacles: all that can hide one robot from the other's camera.
+    """
+
+    solids: tuple[Solid, ...]
+    lidar_scene: RayScene
+    sight_obstacles: SightObstacles
+
+
+def furnished(
+    plan: Floorplan, walls: Sequence[Solid], furniture: Sequence[Solid], robot: RobotSpec
+) -> Surroundings:
+    """The surroundings of such robots in a furnished plan."""
+    segments_m, circles_m = lidar_outline(plan, furniture, height_m=robot.lidar.z_m)
+    wall_height_m = max(wall.z1_m for wall in walls)
+    return Surroundings(
+        solids=(*walls, *in_the_way(furniture, robot)),
+        lidar_scene=ray_scene(segments_m, circles_m),
+        sight_obstacles=sight_obstacles(plan, furniture, wall_height_m=wall_height_m),
+    )
+
+
+def in_the_way(furniture: Sequence[Solid], robot: RobotSpec) -> tuple[Solid, ...]:
+    """The furniture that the robot can run into: a table top above it would only slow physics down."""
+    return tuple(solid for solid in furniture if solid.z0_m < robot.size_m[2])
 
 
 def run_episode(

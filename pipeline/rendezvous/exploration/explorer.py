@@ -14,10 +14,8 @@ from rendezvous.exploration.goals import Goals
 from rendezvous.exploration.records import ExplorerParameters
 from rendezvous.geometry.se2 import Array
 from rendezvous.simulation.drive import TICK_S
-from rendezvous.simulation.lidar import beam_bearings
-from rendezvous.simulation.robot import RobotSpec
-from rendezvous.slam.odometry import WheelOdometry
-from rendezvous.slam.slam import Slam, SlamParameters, Sweep, compose, relative
+from rendezvous.simulation.robot import RobotSpec, beam_bearings
+from rendezvous.slam.slam import Slam, SlamParameters, Sweep, WheelOdometry, compose, relative
 
 _BACK_OFF_S = 1.2
 _FORESIGHT_S = (0.2, 0.4, 0.6, 0.8)

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import expit
 
-from rendezvous.alignment.resampling import resampled
+from rendezvous.alignment.window import resampled
 from rendezvous.errors import MapError, require_within
 from rendezvous.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from rendezvous.geometry.se2 import SE2, Array

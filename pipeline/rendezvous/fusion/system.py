@@ -9,15 +9,20 @@ from dataclasses import dataclass
 
 from rendezvous.alignment.estimate import Estimate
 from rendezvous.alignment.frame_error import corrected, initial_alignment, meeting_point
-from rendezvous.fusion.agreement import MapAgreement, map_agreement
-from rendezvous.fusion.fusion_input import FusionInput
+from rendezvous.fusion.fusion_input import FusionInput, SightedPose
 from rendezvous.fusion.merge import Merging
-from rendezvous.fusion.prior import FrameErrorPrior, frame_error_prior
-from rendezvous.fusion.refinement import RefinedAlignment, Refiner, refined
-from rendezvous.fusion.sighted_pose import SightedPose
+from rendezvous.fusion.refinement import (
+    FrameErrorPrior,
+    RefinedAlignment,
+    Refiner,
+    frame_error_prior,
+    refined,
+)
 from rendezvous.fusion.verdict import (
+    MapAgreement,
     Verdict,
     alignment_doubts,
+    map_agreement,
     pose_doubts,
     refinement_doubts,
     sighting_doubts,

@@ -21,8 +21,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from rendezvous.alignment.sight import OPEN_CELL, ROBOT_CELL
-from rendezvous.alignment.window import OCCUPIED_CELL, UNKNOWN_CELL
+from rendezvous.alignment.window import OCCUPIED_CELL, OPEN_CELL, ROBOT_CELL, UNKNOWN_CELL
 from rendezvous.errors import ConfigError, require_within
 from rendezvous.models import se2_correlation
 from rendezvous.models.config import Config

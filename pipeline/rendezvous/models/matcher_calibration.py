@@ -17,8 +17,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from rendezvous.alignment.estimate import WRONG_M, WRONG_RAD
-from rendezvous.alignment.frame_error import pose_difference
-from rendezvous.alignment.spread import log_density
+from rendezvous.alignment.frame_error import log_density, pose_difference
 from rendezvous.errors import require_within
 from rendezvous.geometry.occupancy_grid import Mask
 from rendezvous.geometry.se2 import SE2, Array

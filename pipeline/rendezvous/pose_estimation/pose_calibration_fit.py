@@ -15,7 +15,7 @@ import numpy as np
 from scipy.optimize import minimize
 from scipy.special import expit, log_softmax, logsumexp
 
-from rendezvous.alignment.spread import log_density
+from rendezvous.alignment.frame_error import log_density
 from rendezvous.geometry.occupancy_grid import Mask
 from rendezvous.geometry.se2 import SE2, Array
 from rendezvous.pose_estimation.cuboid_pose import Reading

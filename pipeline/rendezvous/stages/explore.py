@@ -13,10 +13,9 @@ import numpy as np
 from rendezvous.config.sections import ExploreSection
 from rendezvous.engine.run import Run
 from rendezvous.errors import FloorplanError
-from rendezvous.exploration.episode import run_episode
+from rendezvous.exploration.episode import furnished, in_the_way, run_episode
 from rendezvous.exploration.records import Episode
 from rendezvous.exploration.starts import draw_starts
-from rendezvous.exploration.surroundings import furnished, in_the_way
 from rendezvous.floorplan.furnish import furnish
 from rendezvous.floorplan.records import Floorplan, Solid
 from rendezvous.floorplan.validate import start_regions

@@ -8,7 +8,7 @@ import pytest
 from rendezvous.evaluation.pictures.canvas import BLUE, RED
 from rendezvous.evaluation.pictures.fusion import LONGER_PX, fusion_picture, sighting_picture, view_of_both
 from rendezvous.evaluation.pictures.map_panels import BOTH
-from rendezvous.fusion.sighted_pose import SightedPose
+from rendezvous.fusion.fusion_input import SightedPose
 from rendezvous.fusion.system import fuse_maps
 from rendezvous.geometry.se2 import SE2
 from rendezvous.pose_estimation.pose_estimate import RelativePose

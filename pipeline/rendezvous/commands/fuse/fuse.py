@@ -24,10 +24,9 @@ from rendezvous.commands.fuse.inputs import (
     read_photograph,
 )
 from rendezvous.errors import SetupError
-from rendezvous.fusion.fusion_input import FusionInput
+from rendezvous.fusion.fusion_input import FusionInput, SightedPose, sighted_pose
 from rendezvous.fusion.merge import Merging
 from rendezvous.fusion.refinement import Refinement, Refiner, correlative_refiner, matcher_refiner
-from rendezvous.fusion.sighted_pose import SightedPose, sighted_pose
 from rendezvous.fusion.system import FusionResult, fuse_maps
 from rendezvous.geometry.camera import PinholeCamera
 from rendezvous.geometry.cuboid import Vec3

@@ -37,10 +37,9 @@ from rendezvous.commands.fuse.fuse import Fused, FuseRequest
 from rendezvous.errors import ConfigError
 from rendezvous.evaluation.pictures.canvas import encoded_png
 from rendezvous.evaluation.pictures.fusion import fusion_picture, sighting_picture
-from rendezvous.fusion.agreement import MapAgreement
-from rendezvous.fusion.sighted_pose import SightedMode
+from rendezvous.fusion.fusion_input import SightedMode
 from rendezvous.fusion.system import FusionResult
-from rendezvous.fusion.verdict import spread_of
+from rendezvous.fusion.verdict import MapAgreement, spread_of
 from rendezvous.geometry.occupancy_grid import OccupancyGrid
 from rendezvous.geometry.se2 import SE2
 from rendezvous.interop.ros_map import map_image_path, ros_map_bytes

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from rendezvous.alignment.spread import ellipsoid_probability, log_density, nees
+from rendezvous.alignment.frame_error import ellipsoid_probability, log_density, nees
 from rendezvous.evaluation.json_record import FiniteOrNot
 from rendezvous.evaluation.statistics import Interval, wilson_interval
 from rendezvous.geometry.se2 import Array

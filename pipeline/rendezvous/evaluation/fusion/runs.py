@@ -9,12 +9,11 @@ from dataclasses import dataclass
 from rendezvous.alignment.frame_error import frame_error
 from rendezvous.errors import MapError
 from rendezvous.evaluation.json_record import JsonRecord, OptionalPose
-from rendezvous.fusion.agreement import agreement
-from rendezvous.fusion.fusion_input import FusionInput
+from rendezvous.fusion.fusion_input import FusionInput, SightedPose, sighted_pose
 from rendezvous.fusion.merge import merged
 from rendezvous.fusion.refinement import Refiner
-from rendezvous.fusion.sighted_pose import SightedPose, sighted_pose
 from rendezvous.fusion.system import fuse_maps
+from rendezvous.fusion.verdict import agreement
 from rendezvous.geometry.occupancy_grid import OccupancyGrid
 from rendezvous.geometry.se2 import SE2
 from rendezvous.methods import REFINEMENTS

@@ -9,8 +9,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 import pandas as pd
 
-from rendezvous.alignment.frame_error import frame_error, pose_difference
-from rendezvous.alignment.spread import ellipsoid_probability, nees
+from rendezvous.alignment.frame_error import ellipsoid_probability, frame_error, nees, pose_difference
 from rendezvous.alignment.window import PAPER_XY_M, PAPER_YAW_RAD
 from rendezvous.evaluation.json_record import FiniteOrNot, JsonRecord, OptionalArray, OptionalPose, Pose
 from rendezvous.geometry.se2 import SE2, Array, wrap_angle

@@ -31,7 +31,7 @@ class Batch(TypedDict):
 
     Attributes:
         cells: (B, 2, N, N) uint8 of `alignment.window`'s cells.
-        sight: (B, 2, N, N) uint8 of `alignment.sight`'s cells; all hidden where it is withheld.
+        sight: (B, 2, N, N) uint8 of `alignment.window`'s sight cells; all hidden where it is withheld.
         theta: (B, 3) float32 frame error in the window frame: x [m], y [m], yaw [rad].
     """
 

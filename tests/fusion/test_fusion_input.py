@@ -4,9 +4,9 @@ import math
 
 import numpy as np
 import pytest
-from rendezvous.alignment.spread import log_density
+from rendezvous.alignment.frame_error import log_density
 from rendezvous.errors import SightingError
-from rendezvous.fusion.sighted_pose import SightedPose, sighted_pose
+from rendezvous.fusion.fusion_input import SightedPose, sighted_pose
 from rendezvous.geometry.se2 import SE2, Array
 from rendezvous.pose_estimation.pose_estimate import PoseMode, RelativePose
 
