@@ -30,14 +30,10 @@ NO_SHIFTS: ShiftBox = (0, 0, 0, 0)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ScoredCell:
-    """A cell of a correlation.
+    """A cell of a correlation."""
 
-    Attributes:
-        score: in units of 1 / SCORE_SCALE.
-        heading, row, col: indices as `Correlation.scores` takes them.
-    """
-
-    score: int
+    score: int  # in units of 1 / SCORE_SCALE
+    # heading, row, col: indices as `Correlation.scores` takes them.
     heading: int
     row: int
     col: int

@@ -35,24 +35,16 @@ class Correlation:
 
     Shift (row, col), each from 0 to 2 reach, stands for `s = (col - reach, row - reach) * cell_m`. Both sums
     have the form `Σ field[point + shift]`; the one over map 1's walls is mirrored to bring it to that form.
-
-    Attributes:
-        headings_rad: (H,) ψ.
-        reach: largest shift [cells].
-        cell_m: side of a cell [m].
-        field_0: (S0, S0) field of map 0, mirrored and padded with 0.
-        walls_1: per heading, (P, 2) row, col into field_0 of map 1's walls turned by -ψ, mirrored.
-        fields_1: (H, R1, C1) field of map 1 turned by -ψ, as far as shifts take map 0's walls, padded with 0.
-        walls_0: (P, 2) row, col into fields_1 of map 0's walls.
     """
 
-    headings_rad: Array
-    reach: int
-    cell_m: float
-    field_0: Field
-    walls_1: list[Points]
+    headings_rad: Array  # (H,) ψ
+    reach: int  # largest shift [cells]
+    cell_m: float  # side of a cell [m]
+    field_0: Field  # (S0, S0) field of map 0, mirrored and padded with 0
+    walls_1: list[Points]  # per heading, (P, 2) row, col into field_0 of map 1's walls turned by -ψ, mirrored
+    # (H, R1, C1) field of map 1 turned by -ψ, as far as shifts take map 0's walls, padded with 0.
     fields_1: Field
-    walls_0: Points
+    walls_0: Points  # (P, 2) row, col into fields_1 of map 0's walls
 
     def scores(self, heading: int, row: int, col: int, rows: int, cols: int) -> Scores:
         """(rows, cols) int32 scores of a block of shifts at one heading."""

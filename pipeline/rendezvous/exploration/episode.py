@@ -22,17 +22,11 @@ from rendezvous.simulation.robot import RobotSpec, beam_bearings, noisy_ranges
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Surroundings:
-    """The world around the robots.
+    """The world around the robots."""
 
-    Attributes:
-        solids: all that they can run into.
-        lidar_scene: all that their lidars see, at the height that both have in common.
-        sight_obstacles: all that can hide one robot from the other's camera.
-    """
-
-    solids: tuple[Solid, ...]
-    lidar_scene: RayScene
-    sight_obstacles: SightObstacles
+    solids: tuple[Solid, ...]  # all that they can run into
+    lidar_scene: RayScene  # all that their lidars see, at the height that both have in common
+    sight_obstacles: SightObstacles  # all that can hide one robot from the other's camera
 
 
 def furnished(

@@ -24,19 +24,12 @@ _BUCKETS = 256
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlanningMap:
-    """The map, coarsened for the planner.
+    """The map, coarsened for the planner."""
 
-    Attributes:
-        cells: (H, W) uint8 of UNKNOWN, FREE, OCCUPIED.
-        clearance_m: (H, W) float32 distance to the nearest occupied cell.
-        cell_m: side of a cell.
-        T_m_g: pose of the corner of cell (0, 0); no rotation.
-    """
-
-    cells: Cells
-    clearance_m: NDArray[np.float32]
-    cell_m: float
-    T_m_g: SE2
+    cells: Cells  # (H, W) uint8 of UNKNOWN, FREE, OCCUPIED
+    clearance_m: NDArray[np.float32]  # (H, W) float32 distance to the nearest occupied cell
+    cell_m: float  # side of a cell
+    T_m_g: SE2  # pose of the corner of cell (0, 0); no rotation
 
     def with_obstacles(self, points_m: Sequence[tuple[float, float]]) -> PlanningMap:
         """The same map with obstacles at these points of the map frame."""
@@ -218,15 +211,10 @@ def _is_frontier(cells: Cells, cost: NDArray[np.int32], row: int, col: int) -> b
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reach:
-    """The cheapest ways from one cell to all that can be reached from it.
+    """The cheapest ways from one cell to all that can be reached from it."""
 
-    Attributes:
-        cost: (H, W) int32 in tenths of a cell, the largest int32 where there is no way.
-        parent: (H * W,) int32 previous cell on the way, -1 at the start.
-    """
-
-    cost: NDArray[np.int32]
-    parent: NDArray[np.int32]
+    cost: NDArray[np.int32]  # (H, W) int32 in tenths of a cell, the largest int32 where there is no way
+    parent: NDArray[np.int32]  # (H * W,) int32 previous cell on the way, -1 at the start
 
     def reachable(self) -> NDArray[np.bool_]:
         """(H, W) bool."""

@@ -15,16 +15,12 @@ from rendezvous.slam.slam import SlamParameters
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SightingParameters:
-    """When a robot in view counts as a sighting.
+    """When a robot in view counts as a sighting."""
 
-    Attributes:
-        min_range_m, max_range_m: distance from the camera to the centre of the other robot's cuboid.
-        least_visible: smallest share of its cuboid's sample points in view.
-    """
-
+    # min_range_m, max_range_m: distance from the camera to the centre of the other robot's cuboid.
     min_range_m: float = 0.4
     max_range_m: float = 4.0
-    least_visible: float = 0.5
+    least_visible: float = 0.5  # smallest share of its cuboid's sample points in view
 
     def __post_init__(self) -> None:
         require_within(
@@ -34,40 +30,26 @@ class SightingParameters:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExplorerParameters:
-    """How a robot explores. Margins are distances beyond the robot's radius.
+    """How a robot explores. Margins are distances beyond the robot's radius."""
 
-    Attributes:
-        hard_margin_m: paths never come closer to an obstacle.
-        soft_margin_m: paths come closer only if the way round is much longer.
-        least_frontier_m: shorter frontiers are ignored.
-        gain: metres of travel that a metre of frontier is worth.
-        replan_s: longest time that a plan is followed before the next one is made.
-        lookahead_m: distance to the point of the path that the robot steers for.
-        turn_gain: turn rate per heading error [1/s].
-        turn_limit_radps: largest turn rate; a lidar sweep skews with it.
-        turn_first_rad: heading error above which the robot turns on the spot.
-        accel_mps2, turn_accel_radps2: limits on changes of the command.
-        clear_margin_m: while driving, the robot keeps this distance from every surface in sight.
-        slip_m, slip_rad: if encoders and SLAM disagree by more over one sweep, something unseen holds the
-            robot, and it backs off.
-        stuck_s: after this long without progress the robot backs off and looks for another goal.
-    """
-
-    hard_margin_m: float = 0.045
-    soft_margin_m: float = 0.195
-    least_frontier_m: float = 0.4
-    gain: float = 0.6
-    replan_s: float = 4.0
-    lookahead_m: float = 0.30
-    turn_gain: float = 2.5
-    turn_limit_radps: float = 1.5
-    turn_first_rad: float = 0.8
+    hard_margin_m: float = 0.045  # paths never come closer to an obstacle
+    soft_margin_m: float = 0.195  # paths come closer only if the way round is much longer
+    least_frontier_m: float = 0.4  # shorter frontiers are ignored
+    gain: float = 0.6  # metres of travel that a metre of frontier is worth
+    replan_s: float = 4.0  # longest time that a plan is followed before the next one is made
+    lookahead_m: float = 0.30  # distance to the point of the path that the robot steers for
+    turn_gain: float = 2.5  # turn rate per heading error [1/s]
+    turn_limit_radps: float = 1.5  # largest turn rate; a lidar sweep skews with it
+    turn_first_rad: float = 0.8  # heading error above which the robot turns on the spot
+    # accel_mps2, turn_accel_radps2: limits on changes of the command.
     accel_mps2: float = 1.0
     turn_accel_radps2: float = 6.0
-    clear_margin_m: float = 0.02
+    clear_margin_m: float = 0.02  # while driving, the robot keeps this distance from every surface in sight
+    # slip_m, slip_rad: if encoders and SLAM disagree by more over one sweep, something unseen holds the
+    # robot, and it backs off.
     slip_m: float = 0.012
     slip_rad: float = 0.06
-    stuck_s: float = 5.0
+    stuck_s: float = 5.0  # after this long without progress the robot backs off and looks for another goal
 
     def __post_init__(self) -> None:
         require_within(
@@ -81,27 +63,19 @@ class ExplorerParameters:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EpisodeParameters:
-    """How long an episode runs and which rendezvous are recorded.
+    """How long an episode runs and which rendezvous are recorded."""
 
-    Attributes:
-        drive: how the robots move.
-        max_time_s: longest episode.
-        first_event_s: bounds of the time of the first rendezvous, drawn log-uniformly for each episode: in
-            early ones the maps overlap little, in late ones much.
-        least_explored_m2: area that each robot must know at a rendezvous.
-        max_events: most rendezvous recorded per episode.
-        event_gap_s, event_gap_m: least time, and travel of each robot, from one rendezvous to the next.
-        trajectory_step_s: spacing of the recorded paths.
-    """
-
-    drive: Drive
-    max_time_s: float
+    drive: Drive  # how the robots move
+    max_time_s: float  # longest episode
+    # Bounds of the time of the first rendezvous, drawn log-uniformly for each episode: in early ones the maps
+    # overlap little, in late ones much.
     first_event_s: tuple[float, float]
-    least_explored_m2: float = 4.0
-    max_events: int
+    least_explored_m2: float = 4.0  # area that each robot must know at a rendezvous
+    max_events: int  # most rendezvous recorded per episode
+    # event_gap_s, event_gap_m: least time, and travel of each robot, from one rendezvous to the next.
     event_gap_s: float = 10.0
     event_gap_m: float = 1.0
-    trajectory_step_s: float = 1.0
+    trajectory_step_s: float = 1.0  # spacing of the recorded paths
     sighting: SightingParameters = field(default_factory=SightingParameters)
     odometry_noise: OdometryNoise = field(default_factory=OdometryNoise)
     explorer: ExplorerParameters = field(default_factory=ExplorerParameters)
@@ -121,23 +95,14 @@ class EpisodeParameters:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Snapshot:
-    """One robot at a rendezvous.
+    """One robot at a rendezvous."""
 
-    Attributes:
-        grid: its map.
-        T_m_r: its pose by SLAM.
-        T_m_r_odometry: its pose by dead reckoning.
-        T_w_r: its true pose.
-        trajectory: (N, 4) t [s], x, y [m], yaw [rad] by SLAM in m.
-        trajectory_w: (N, 4) the truth in w at the same times.
-    """
-
-    grid: OccupancyGrid
-    T_m_r: SE2
-    T_m_r_odometry: SE2
-    T_w_r: SE2
-    trajectory: Array
-    trajectory_w: Array
+    grid: OccupancyGrid  # its map
+    T_m_r: SE2  # its pose by SLAM
+    T_m_r_odometry: SE2  # its pose by dead reckoning
+    T_w_r: SE2  # its true pose
+    trajectory: Array  # (N, 4) t [s], x, y [m], yaw [rad] by SLAM in m
+    trajectory_w: Array  # (N, 4) the truth in w at the same times
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

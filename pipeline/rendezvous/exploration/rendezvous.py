@@ -19,16 +19,11 @@ SAMPLES_PER_SIDE = 3
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sighting:
-    """One robot seen by another one's camera.
+    """One robot seen by another one's camera."""
 
-    Attributes:
-        range_m: from the camera to the centre of the cuboid.
-        bearing_rad: from the observer's heading to that centre, left positive.
-        visible_fraction: share of the cuboid's sample points that are in the image with nothing before them.
-    """
-
-    range_m: float
-    bearing_rad: float
+    range_m: float  # from the camera to the centre of the cuboid
+    bearing_rad: float  # from the observer's heading to that centre, left positive
+    # Share of the cuboid's sample points that are in the image with nothing before them.
     visible_fraction: float
 
 

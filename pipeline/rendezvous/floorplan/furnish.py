@@ -20,17 +20,11 @@ from rendezvous.geometry.se2 import Array
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Recipe:
-    """How rooms of a category are furnished.
+    """How rooms of a category are furnished."""
 
-    Attributes:
-        fill: share of the floor that furniture takes at density 1.
-        first: pieces typical of the room, tried in this order.
-        then: further pieces, drawn uniformly.
-    """
-
-    fill: float
-    first: tuple[Maker, ...]
-    then: tuple[Maker, ...]
+    fill: float  # share of the floor that furniture takes at density 1
+    first: tuple[Maker, ...]  # pieces typical of the room, tried in this order
+    then: tuple[Maker, ...]  # further pieces, drawn uniformly
 
 
 CLUTTER = (c.boxes, c.plant, c.pole, c.bin_, c.single_chair)

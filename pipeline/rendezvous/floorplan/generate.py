@@ -25,27 +25,20 @@ ALL_REACHABLE = FloorplanLimits(min_reachable_share=0.97)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GeneratorParameters:
-    """The distributions that plans are drawn from; ranges are (least, most).
+    """The distributions that plans are drawn from; ranges are (least, most)."""
 
-    Attributes:
-        apartment, office, hall: weights of the kinds.
-        rooms: number of rooms, corridors included.
-        wall_thickness_m: thickness of partition walls; single walls are thicker, up to the end of the range.
-        door_width_m: clear width of doors; archways are wider.
-        slanted_share: share of plans with slanted walls.
-        loop_share: probability of a door beyond those that connect all rooms, per pair of neighbours.
-        niche_share: probability of a pilaster, shaft or window bay, per room.
-    """
-
+    # apartment, office, hall: weights of the kinds.
     apartment: float = 0.45
     office: float = 0.35
     hall: float = 0.2
-    rooms: tuple[int, int] = (3, 20)
+    rooms: tuple[int, int] = (3, 20)  # number of rooms, corridors included
+    # Thickness of partition walls; single walls are thicker, up to the end of the range.
     wall_thickness_m: tuple[float, float] = (0.08, 0.3)
-    door_width_m: tuple[float, float] = (0.7, 1.2)
-    slanted_share: float = 0.4
+    door_width_m: tuple[float, float] = (0.7, 1.2)  # clear width of doors; archways are wider
+    slanted_share: float = 0.4  # share of plans with slanted walls
+    # Probability of a door beyond those that connect all rooms, per pair of neighbours.
     loop_share: float = 0.25
-    niche_share: float = 0.35
+    niche_share: float = 0.35  # probability of a pilaster, shaft or window bay, per room
 
     def __post_init__(self) -> None:
         if min(self.apartment, self.office, self.hall) < 0 or self.apartment + self.office + self.hall <= 0:

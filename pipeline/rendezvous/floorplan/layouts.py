@@ -14,19 +14,12 @@ from rendezvous.geometry.se2 import Array
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Storey:
-    """Rooms that meet in the middle of their walls, before walls get a thickness and doors.
+    """Rooms that meet in the middle of their walls, before walls get a thickness and doors."""
 
-    Attributes:
-        cells: the rooms [m]; they tile the storey.
-        categories: one per cell.
-        hub: index of the cell onto which others open: corridor, living room or hall.
-        posts: pillars and free-standing walls [m].
-    """
-
-    cells: list[Polygon]
-    categories: list[str]
-    hub: int
-    posts: list[Polygon]
+    cells: list[Polygon]  # the rooms [m]; they tile the storey
+    categories: list[str]  # one per cell
+    hub: int  # index of the cell onto which others open: corridor, living room or hall
+    posts: list[Polygon]  # pillars and free-standing walls [m]
 
 
 def apartment(rng: np.random.Generator, *, slanted: bool) -> Storey:

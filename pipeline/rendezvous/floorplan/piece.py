@@ -30,20 +30,14 @@ class Part(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Piece:
-    """A piece of furniture at the origin.
+    """A piece of furniture at the origin."""
 
-    Attributes:
-        category: "table", "sofa", ...
-        half_x_m, half_y_m: half sides of the rectangle around it, chairs included.
-        parts: its solids in its own frame.
-        at_wall: whether it stands with its back to a wall.
-    """
-
-    category: str
+    category: str  # "table", "sofa", ...
+    # half_x_m, half_y_m: half sides of the rectangle around it, chairs included.
     half_x_m: float
     half_y_m: float
-    parts: tuple[Part, ...]
-    at_wall: bool
+    parts: tuple[Part, ...]  # its solids in its own frame
+    at_wall: bool  # whether it stands with its back to a wall
 
     def standing_at(self, pose: Array, shape: Shape) -> Array:
         """(N, 5) x [m], y [m], yaw [rad], half sides [m] in w of the parts of this shape on the floor.

@@ -23,19 +23,12 @@ class Room:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Floorplan:
-    """A validated floor plan: the free space of one storey; all else is wall.
+    """A validated floor plan: the free space of one storey; all else is wall."""
 
-    Attributes:
-        plan_id: unique name.
-        outline_m: (N, 2) float64 [m], the free space's outer ring, counter-clockwise, not closed.
-        holes_m: islands of wall inside it, each (M, 2) [m], clockwise, not closed.
-        rooms: labels.
-    """
-
-    plan_id: str
-    outline_m: Array
-    holes_m: tuple[Array, ...] = ()
-    rooms: tuple[Room, ...] = ()
+    plan_id: str  # unique name
+    outline_m: Array  # (N, 2) float64 [m], the free space's outer ring, counter-clockwise, not closed
+    holes_m: tuple[Array, ...] = ()  # islands of wall inside it, each (M, 2) [m], clockwise, not closed
+    rooms: tuple[Room, ...] = ()  # labels
 
     def __post_init__(self) -> None:
         for ring in (self.outline_m, *self.holes_m):
@@ -72,27 +65,21 @@ class Shape(StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Solid:
-    """An upright box or cylinder: part of a wall or of a piece of furniture.
+    """An upright box or cylinder: part of a wall or of a piece of furniture."""
 
-    Attributes:
-        shape: form of the footprint.
-        x_m, y_m, yaw_rad: pose of the footprint's centre in w.
-        half_x_m, half_y_m: half sides of the footprint; both the radius for a cylinder.
-        z0_m, z1_m: heights of bottom and top above the floor.
-        category: the thing it is part of ("wall", "table", "sofa", ...).
-        item: index of the piece of furniture it belongs to; -1 for walls.
-    """
-
-    shape: Shape
+    shape: Shape  # form of the footprint
+    # x_m, y_m, yaw_rad: pose of the footprint's centre in w.
     x_m: float
     y_m: float
     yaw_rad: float
+    # half_x_m, half_y_m: half sides of the footprint; both the radius for a cylinder.
     half_x_m: float
     half_y_m: float
+    # z0_m, z1_m: heights of bottom and top above the floor.
     z0_m: float
     z1_m: float
-    category: str
-    item: int = -1
+    category: str  # the thing it is part of ("wall", "table", "sofa", ...)
+    item: int = -1  # index of the piece of furniture it belongs to; -1 for walls
 
     def __post_init__(self) -> None:
         if not (self.half_x_m > 0 and self.half_y_m > 0 and self.z1_m > self.z0_m >= 0):

@@ -34,23 +34,18 @@ PASSAGE_MARGIN_M = 0.03  # a robot passes an opening if it is wider than its dia
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FloorplanLimits:
-    """Limits that a usable plan keeps.
+    """Limits that a usable plan keeps."""
 
-    Attributes:
-        min_side_m, max_side_m: range of both sides of the plan's bounding box.
-        min_area_m2, max_area_m2: range of the free area.
-        crossing_m: an outline that crosses or touches itself is repaired if the parts lost are thinner.
-        min_reachable_share: smallest share, in one piece, of the area that the robot fits in.
-        min_start_regions: number of rooms to start in.
-    """
-
+    # min_side_m, max_side_m: range of both sides of the plan's bounding box.
     min_side_m: float = 3.0
     max_side_m: float = 60.0
+    # min_area_m2, max_area_m2: range of the free area.
     min_area_m2: float = 15.0
     max_area_m2: float = 1500.0
+    # An outline that crosses or touches itself is repaired if the parts lost are thinner.
     crossing_m: float = 0.05
-    min_reachable_share: float = 0.8
-    min_start_regions: int = 2
+    min_reachable_share: float = 0.8  # smallest share, in one piece, of the area that the robot fits in
+    min_start_regions: int = 2  # number of rooms to start in
 
     def __post_init__(self) -> None:
         require_within(

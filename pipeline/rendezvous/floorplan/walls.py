@@ -22,18 +22,13 @@ ROUNDING_M = 1e-6
 
 
 class SightObstacles(NamedTuple):
-    """Upright faces and cylinders in w that may hide something.
+    """Upright faces and cylinders in w that may hide something."""
 
-    Attributes:
-        segments_m: (S, 4) x0, y0, x1, y1.
-        bottoms_m, tops_m: (S,) heights of each.
-        circles_m: (C, 5) x, y, radius, bottom, top.
-    """
-
-    segments_m: Array
+    segments_m: Array  # (S, 4) x0, y0, x1, y1
+    # bottoms_m, tops_m: (S,) heights of each.
     bottoms_m: Array
     tops_m: Array
-    circles_m: Array
+    circles_m: Array  # (C, 5) x, y, radius, bottom, top
 
 
 def wall_polygon(floorplan: Floorplan, *, thickness_m: float) -> Polygon | MultiPolygon:

@@ -73,18 +73,14 @@ class CellEvidence:
     The defaults treat both states alike: two maps that contradict each other leave 0.5, which is unknown; two
     that agree leave 0.97 or 0.03. A larger `occupied_probability` makes a wall win over free space: with
     0.95, 'occupied in one, free in the other' is 0.77, occupied.
-
-    Attributes:
-        occupied_probability: that a cell is occupied if one map calls it occupied.
-        free_probability: that a cell is occupied although one map calls it free.
-        trust_0, trust_1: factors of each map's log-odds; 0 ignores that map.
-        occupied_above, free_below: thresholds on the fused probability, as in ROS.
     """
 
-    occupied_probability: float = 0.85
-    free_probability: float = 0.15
+    occupied_probability: float = 0.85  # that a cell is occupied if one map calls it occupied
+    free_probability: float = 0.15  # that a cell is occupied although one map calls it free
+    # trust_0, trust_1: factors of each map's log-odds; 0 ignores that map.
     trust_0: float = 1.0
     trust_1: float = 1.0
+    # occupied_above, free_below: thresholds on the fused probability, as in ROS.
     occupied_above: float = 0.65
     free_below: float = 0.196
 
@@ -103,15 +99,10 @@ class CellEvidence:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ProbabilisticMerge:
-    """A map by weighed evidence.
+    """A map by weighed evidence."""
 
-    Attributes:
-        grid: the trinary map in m0.
-        occupied_probability: (H, W) float32 of its cells; 0.5 where nothing is known.
-    """
-
-    grid: OccupancyGrid
-    occupied_probability: NDArray[np.float32]
+    grid: OccupancyGrid  # the trinary map in m0
+    occupied_probability: NDArray[np.float32]  # (H, W) float32 of its cells; 0.5 where nothing is known
 
 
 def probabilistically_merged(

@@ -37,17 +37,12 @@ SEARCH_SIGMAS = 3.5  # standard deviations that a search reaches
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrameErrorPrior:
-    """The distribution of the frame error θ_v according to the sighting.
+    """The distribution of the frame error θ_v according to the sighting."""
 
-    Attributes:
-        modes: one for each mode of the sighting. A search takes them as normal, with their covariance.
-        outlier: the remaining part, if the sighting is of something else.
-        degrees_of_freedom: of the t distributions of the modes; infinite for normal ones.
-    """
-
+    # One for each mode of the sighting. A search takes them as normal, with their covariance.
     modes: tuple[Gaussian, ...]
-    outlier: Gaussian
-    degrees_of_freedom: tuple[float, ...]
+    outlier: Gaussian  # the remaining part, if the sighting is of something else
+    degrees_of_freedom: tuple[float, ...]  # of the t distributions of the modes; infinite for normal ones
 
     def __post_init__(self) -> None:
         assert len(self.modes) == len(self.degrees_of_freedom), self.degrees_of_freedom
@@ -182,17 +177,11 @@ EDGE_M, EDGE_RAD = 0.1, math.radians(1.0)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RefinedAlignment:
-    """The frame error of T̃ according to the maps.
+    """The frame error of T̃ according to the maps."""
 
-    Attributes:
-        estimate: θ̂_v and its covariance along v's axes; or the reason there is none.
-        search: how far the method searched.
-        at_edge: the estimate lies at the edge of that search.
-    """
-
-    estimate: Estimate
-    search: SearchRange
-    at_edge: bool
+    estimate: Estimate  # θ̂_v and its covariance along v's axes; or the reason there is none
+    search: SearchRange  # how far the method searched
+    at_edge: bool  # the estimate lies at the edge of that search
 
 
 def refined(

@@ -17,18 +17,13 @@ from rendezvous.geometry.wall_agreement import count_near, wall_agreement
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Agreement:
-    """How the occupied cells of two maps in one frame coincide within a tolerance.
+    """How the occupied cells of two maps in one frame coincide within a tolerance."""
 
-    Attributes:
-        occupied_a, occupied_b: occupied cells of each map.
-        near_a: those of a within the tolerance of an occupied cell of b.
-        near_b: those of b within the tolerance of an occupied cell of a.
-    """
-
+    # occupied_a, occupied_b: occupied cells of each map.
     occupied_a: int
     occupied_b: int
-    near_a: int
-    near_b: int
+    near_a: int  # those of a within the tolerance of an occupied cell of b
+    near_b: int  # those of b within the tolerance of an occupied cell of a
 
     @property
     def iou(self) -> float | None:
@@ -71,22 +66,16 @@ def agreement(grid_a: OccupancyGrid, grid_b: OccupancyGrid, tolerance_m: float) 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MapAgreement:
-    """How two maps agree where both are known; each figure counts cells of both maps.
+    """How two maps agree where both are known; each figure counts cells of both maps."""
 
-    Attributes:
-        wall_share: of the occupied cells in the other map's known area, the share within the tolerance of an
-            occupied cell there; None where there are none.
-        conflict_share: of the cells in the other map's known area, the share where one map says occupied and
-            the other free: 1 minus the acceptance index of Carpin (2008). None where nothing is known in
-            both.
-        compared: number of cells behind `wall_share`.
-        known_in_both: number of cells behind `conflict_share`.
-    """
-
+    # Of the occupied cells in the other map's known area, the share within the tolerance of an occupied cell
+    # there; None where there are none.
     wall_share: float | None
+    # Of the cells in the other map's known area, the share where one map says occupied and the other free: 1
+    # minus the acceptance index of Carpin (2008). None where nothing is known in both.
     conflict_share: float | None
-    compared: int
-    known_in_both: int
+    compared: int  # number of cells behind `wall_share`
+    known_in_both: int  # number of cells behind `conflict_share`
 
 
 def map_agreement(
@@ -145,13 +134,9 @@ AGREEMENT_MARGIN = 0.05  # a fall in agreement by less than this is rounding to 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Verdict:
-    """Whether to trust a fused map.
+    """Whether to trust a fused map."""
 
-    Attributes:
-        reasons: why it is uncertain; empty if it is accepted.
-    """
-
-    reasons: tuple[str, ...] = ()
+    reasons: tuple[str, ...] = ()  # why it is uncertain; empty if it is accepted
 
     @property
     def accepted(self) -> bool:

@@ -13,15 +13,10 @@ from rendezvous.geometry.se2 import SE2, Array
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WallAgreement:
-    """How the occupied cells of two aligned maps coincide.
+    """How the occupied cells of two aligned maps coincide."""
 
-    Attributes:
-        compared: occupied cells of either map that lie in the other's known area.
-        near: those among them with an occupied cell of the other map within the tolerance.
-    """
-
-    compared: int
-    near: int
+    compared: int  # occupied cells of either map that lie in the other's known area
+    near: int  # those among them with an occupied cell of the other map within the tolerance
 
     @property
     def share(self) -> float | None:

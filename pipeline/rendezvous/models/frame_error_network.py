@@ -38,25 +38,15 @@ error on unseen maps was not compared.)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrameErrorConfig(Config):
-    """Shape of a network, and how to read its output.
+    """Shape of a network, and how to read its output."""
 
-    Attributes:
-        vit: the transformer; otherwise its convolutional twin.
-        lie: the output is a twist; otherwise x [m], y [m] and yaw [rad].
-        cells: cells along a side of the input, a power of two times 12.
-        cell_m: side of a cell [m].
-        width: channels of the body.
-        depth: transformer layers; the twin has two residual blocks for every three of them.
-        heads: of each transformer layer.
-    """
-
-    vit: bool = True
-    lie: bool = True
-    cells: int = 192
-    cell_m: float = 0.1
-    width: int = 256
-    depth: int = 6
-    heads: int = 8
+    vit: bool = True  # the transformer; otherwise its convolutional twin
+    lie: bool = True  # the output is a twist; otherwise x [m], y [m] and yaw [rad]
+    cells: int = 192  # cells along a side of the input, a power of two times 12
+    cell_m: float = 0.1  # side of a cell [m]
+    width: int = 256  # channels of the body
+    depth: int = 6  # transformer layers; the twin has two residual blocks for every three of them
+    heads: int = 8  # of each transformer layer
 
     def __post_init__(self) -> None:
         require_within(self, cell_m=(1e-3, 1e3), width=(8, 65536), depth=(1, 1024), heads=(1, 1024))

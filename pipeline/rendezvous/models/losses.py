@@ -22,17 +22,11 @@ from rendezvous.models.frame_error_network import output_pose
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrameErrorLoss:
-    """Means over a batch, scalars.
+    """Means over a batch, scalars."""
 
-    Attributes:
-        total: L of Eq. 7, which is minimised.
-        error: L_error.
-        reg: L_reg; 0 if ω is 0.
-    """
-
-    total: Tensor
-    error: Tensor
-    reg: Tensor
+    total: Tensor  # L of Eq. 7, which is minimised
+    error: Tensor  # L_error
+    reg: Tensor  # L_reg; 0 if ω is 0
 
 
 def frame_error_loss(

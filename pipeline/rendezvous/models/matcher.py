@@ -29,30 +29,19 @@ from rendezvous.models.config import Config
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MatcherConfig(Config):
-    """Shape of a matcher, and how to read its scores.
+    """Shape of a matcher, and how to read its scores."""
 
-    Attributes:
-        cell_m: side of a cell of the window [m].
-        coarse_factor: cells of the window along a side of a coarse feature cell.
-        fine_factor: the same for a fine feature cell; divides `coarse_factor`.
-        channels: of the coarse encoder.
-        dilations: of its residual 3x3 convolutions, one each.
-        coarse_features: number of features that are correlated coarsely.
-        fine_channels, fine_features: the same for the fine branch.
-        reach_cells: features vanish further than this from known cells [coarse cells].
-        heading_step_rad: spacing of the coarse volume's headings; divides the circle.
-    """
-
-    cell_m: float = 0.05
-    coarse_factor: int = 4
-    fine_factor: int = 2
-    channels: int = 32
-    dilations: tuple[int, ...] = (1, 2, 4, 8, 16, 1, 2, 4, 8)
-    coarse_features: int = 8
+    cell_m: float = 0.05  # side of a cell of the window [m]
+    coarse_factor: int = 4  # cells of the window along a side of a coarse feature cell
+    fine_factor: int = 2  # the same for a fine feature cell; divides `coarse_factor`
+    channels: int = 32  # of the coarse encoder
+    dilations: tuple[int, ...] = (1, 2, 4, 8, 16, 1, 2, 4, 8)  # of its residual 3x3 convolutions, one each
+    coarse_features: int = 8  # number of features that are correlated coarsely
+    # fine_channels, fine_features: the same for the fine branch.
     fine_channels: int = 16
     fine_features: int = 4
-    reach_cells: int = 8
-    heading_step_rad: float = math.radians(3.0)
+    reach_cells: int = 8  # features vanish further than this from known cells [coarse cells]
+    heading_step_rad: float = math.radians(3.0)  # spacing of the coarse volume's headings; divides the circle
 
     def __post_init__(self) -> None:
         require_within(

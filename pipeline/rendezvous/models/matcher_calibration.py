@@ -36,22 +36,15 @@ flagged."""
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MatcherCalibration(Config):
-    """How to read a matcher's posterior.
+    """How to read a matcher's posterior."""
 
-    Attributes:
-        sharpness: exponent of the density around each peak, whose mass stays.
-        scale: factor of the resulting covariance.
-        floor_m, floor_rad: standard deviations added to it, of x and y and of yaw.
-        degrees_of_freedom: of the Student's t distribution with this covariance; more than 2.
-        least_mass: an estimate is ambiguous if its peak has less probability than this.
-    """
-
-    sharpness: float = 1.0
-    scale: float = 1.0
+    sharpness: float = 1.0  # exponent of the density around each peak, whose mass stays
+    scale: float = 1.0  # factor of the resulting covariance
+    # floor_m, floor_rad: standard deviations added to it, of x and y and of yaw.
     floor_m: float = 0.0
     floor_rad: float = 0.0
-    degrees_of_freedom: float = 1000.0
-    least_mass: float = 0.9
+    degrees_of_freedom: float = 1000.0  # of the Student's t distribution with this covariance; more than 2
+    least_mass: float = 0.9  # an estimate is ambiguous if its peak has less probability than this
 
     def __post_init__(self) -> None:
         require_within(

@@ -23,33 +23,26 @@ from rendezvous.models.matcher import Features, Matcher
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LossSampling:
-    """Where the loss evaluates scores.
+    """Where the loss evaluates scores."""
 
-    Attributes:
-        turned_share: share of pairs whose map 1, and θ with it, is turned by one to three more quarters;
-            otherwise scores would be sharp only at the headings that the samples are drawn from.
-        xy_m: half width of the coarse volume; no true translation may be longer along an axis.
-        near_steps: number of coarse headings on either side of the truth.
-        far_headings: number of headings in the rest of the circle, one in each equal part of it.
-        candidates: number of close looks: at the truth, and at the highest peaks elsewhere.
-        apart_m, apart_rad: distance of another peak from the truth and from the others.
-        fine_step_m, fine_steps: translations of a close look, on either side of its centre.
-        fine_offsets_rad: its headings, relative to its centre.
-        off_centre_m, off_centre_rad: largest distance of the truth from the centre of its own close look.
-    """
-
+    # Share of pairs whose map 1, and θ with it, is turned by one to three more quarters; otherwise scores
+    # would be sharp only at the headings that the samples are drawn from.
     turned_share: float = 0.5
-    xy_m: float = 4.4
-    near_steps: int = 2
-    far_headings: int = 8
-    candidates: int = 2
+    xy_m: float = 4.4  # half width of the coarse volume; no true translation may be longer along an axis
+    near_steps: int = 2  # number of coarse headings on either side of the truth
+    far_headings: int = 8  # number of headings in the rest of the circle, one in each equal part of it
+    candidates: int = 2  # number of close looks: at the truth, and at the highest peaks elsewhere
+    # apart_m, apart_rad: distance of another peak from the truth and from the others.
     apart_m: float = 0.6
     apart_rad: float = math.radians(9.0)
+    # fine_step_m, fine_steps: translations of a close look, on either side of its centre.
     fine_step_m: float = 0.015
     fine_steps: int = 18
+    # Its headings, relative to its centre.
     fine_offsets_rad: tuple[float, ...] = tuple(
         math.radians(d) for d in (-2.4, -1.2, -0.5, 0.0, 0.5, 1.2, 2.4)
     )
+    # off_centre_m, off_centre_rad: largest distance of the truth from the centre of its own close look.
     off_centre_m: float = 0.2
     off_centre_rad: float = math.radians(0.25)
 

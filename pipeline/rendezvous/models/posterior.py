@@ -25,17 +25,11 @@ WHOLE: HalfWidths = (math.inf, math.inf)  # the box that holds a whole volume
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Gaussian:
-    """A normal distribution on SE(2).
+    """A normal distribution on SE(2)."""
 
-    Attributes:
-        mean: its centre.
-        covariance: (3, 3) of the components of `mean⁻¹ θ`.
-        weight: in a mixture, positive; weights need not sum to 1.
-    """
-
-    mean: SE2
-    covariance: Array
-    weight: float = 1.0
+    mean: SE2  # its centre
+    covariance: Array  # (3, 3) of the components of `mean⁻¹ θ`
+    weight: float = 1.0  # in a mixture, positive; weights need not sum to 1
 
     def through_cells(self, cell_m: float, cell_rad: float) -> Gaussian:
         """The distribution as cells of this size show it: one narrower than a cell still falls into one of
@@ -55,32 +49,21 @@ class Gaussian:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Mode:
-    """A peak of a posterior.
+    """A peak of a posterior."""
 
-    Attributes:
-        peak: where the density is highest.
-        mass: probability of the peak's surroundings that no higher peak has claimed, in [0, 1].
-    """
-
-    peak: SE2
-    mass: float
+    peak: SE2  # where the density is highest
+    mass: float  # probability of the peak's surroundings that no higher peak has claimed, in [0, 1]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Posterior:
-    """Probabilities of a regular grid of frame errors.
+    """Probabilities of a regular grid of frame errors."""
 
-    Attributes:
-        headings_rad: (H,) evenly spaced; the last may be a step before the first, all the way round.
-        ys_m: (Y,) evenly spaced.
-        xs_m: (X,) evenly spaced.
-        log_p_HYX: log of the probability of each cell. They sum to 1, except in scores that are not
-            normalised yet and in the rest of a posterior without one of its peaks.
-    """
-
-    headings_rad: Array
-    ys_m: Array
-    xs_m: Array
+    headings_rad: Array  # (H,) evenly spaced; the last may be a step before the first, all the way round
+    ys_m: Array  # (Y,) evenly spaced
+    xs_m: Array  # (X,) evenly spaced
+    # Log of the probability of each cell. They sum to 1, except in scores that are not normalised yet and in
+    # the rest of a posterior without one of its peaks.
     log_p_HYX: Array
 
     def __post_init__(self) -> None:
@@ -209,19 +192,12 @@ COARSE_SHARE = 0.01
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RefinedPosterior:
-    """A posterior that is fine around its peaks and coarse elsewhere.
+    """A posterior that is fine around its peaks and coarse elsewhere."""
 
-    Attributes:
-        coarse: over the whole search.
-        pieces: close looks at each peak, each normalised, the most probable first.
-        masses: (K,) their probabilities.
-        rest: the coarse posterior away from all peaks; its sum and the masses add up to 1.
-    """
-
-    coarse: Posterior
-    pieces: tuple[Posterior, ...]
-    masses: Array
-    rest: Posterior
+    coarse: Posterior  # over the whole search
+    pieces: tuple[Posterior, ...]  # close looks at each peak, each normalised, the most probable first
+    masses: Array  # (K,) their probabilities
+    rest: Posterior  # the coarse posterior away from all peaks; its sum and the masses add up to 1
 
     def sharpened(self, sharpness: float) -> RefinedPosterior:
         """Each piece's density to this power, normalised again; its mass stays."""

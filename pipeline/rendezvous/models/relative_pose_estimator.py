@@ -40,47 +40,30 @@ size by less than this factor; otherwise another one is taken."""
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CloseLook:
-    """The inputs on which the network was trained to measure.
+    """The inputs on which the network was trained to measure."""
 
-    Attributes:
-        input_px: side of the square input.
-        span_px: larger side of the box around the projected cuboid there.
-        sigma_cells: standard deviation of the belief maps' Gaussians.
-    """
-
-    input_px: int = 160
-    span_px: float = 100.0
-    sigma_cells: float = 1.0
+    input_px: int = 160  # side of the square input
+    span_px: float = 100.0  # larger side of the box around the projected cuboid there
+    sigma_cells: float = 1.0  # standard deviation of the belief maps' Gaussians
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Looked:
-    """The network's output for one look.
+    """The network's output for one look."""
 
-    Attributes:
-        look: the part of the image.
-        belief_9hw: belief maps.
-        peaks: their maxima.
-        cuboids: peaks that belong together, the one with the most belief first.
-    """
-
-    look: Look
-    belief_9hw: Maps = field(repr=False)
-    peaks: Peaks = field(repr=False)
+    look: Look  # the part of the image
+    belief_9hw: Maps = field(repr=False)  # belief maps
+    peaks: Peaks = field(repr=False)  # their maxima
+    # Peaks that belong together, the one with the most belief first.
     cuboids: list[DetectedCuboid] = field(repr=False)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Detection:
-    """The place in the image that looks most like the robot.
+    """The place in the image that looks most like the robot."""
 
-    Attributes:
-        looks: close looks at it.
-        readings: poses read from them, the most probable first; empty if no pose fits.
-    """
-
-    looks: tuple[Looked, ...]
-    readings: tuple[Reading, ...]
+    looks: tuple[Looked, ...]  # close looks at it
+    readings: tuple[Reading, ...]  # poses read from them, the most probable first; empty if no pose fits
 
 
 @dataclass(frozen=True, kw_only=True)

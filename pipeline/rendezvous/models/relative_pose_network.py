@@ -29,27 +29,16 @@ _GROUP = 16  # number of channels that are normalised together
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RelativePoseConfig(Config):
-    """Shape of the network.
+    """Shape of the network."""
 
-    Attributes:
-        features: `vgg19`, as published, or `small`.
-        width: the small features have 1, 2 and 4 times this many channels at strides 2, 4 and 8.
-        blocks: residual blocks of the small features at stride 8.
-        feature_channels: channels of the features that the stages see.
-        stages: number of stages, each estimating belief maps and vector fields from the ones before.
-        stage_channels: width of a stage.
-        stage_layers: convolutions of the later stages before their 1x1 ones.
-        stage_kernel: their size, odd.
-    """
-
-    features: Literal["vgg19", "small"] = "small"
-    width: int = 32
-    blocks: int = 4
-    feature_channels: int = 64
-    stages: int = 2
-    stage_channels: int = 32
-    stage_layers: int = 3
-    stage_kernel: int = 7
+    features: Literal["vgg19", "small"] = "small"  # `vgg19`, as published, or `small`
+    width: int = 32  # the small features have 1, 2 and 4 times this many channels at strides 2, 4 and 8
+    blocks: int = 4  # residual blocks of the small features at stride 8
+    feature_channels: int = 64  # channels of the features that the stages see
+    stages: int = 2  # number of stages, each estimating belief maps and vector fields from the ones before
+    stage_channels: int = 32  # width of a stage
+    stage_layers: int = 3  # convolutions of the later stages before their 1x1 ones
+    stage_kernel: int = 7  # their size, odd
 
     def __post_init__(self) -> None:
         if self.features not in ("vgg19", "small"):
@@ -80,15 +69,10 @@ class RelativePoseConfig(Config):
 
 @dataclass(frozen=True, slots=True)
 class StageMaps:
-    """Output of one stage.
+    """Output of one stage."""
 
-    Attributes:
-        belief_B9hw: belief maps.
-        fields_B16hw: vector fields.
-    """
-
-    belief_B9hw: Tensor
-    fields_B16hw: Tensor
+    belief_B9hw: Tensor  # belief maps
+    fields_B16hw: Tensor  # vector fields
 
 
 class RelativePoseNet(nn.Module):

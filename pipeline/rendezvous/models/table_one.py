@@ -17,19 +17,12 @@ PrintedErrors = tuple[float, float, float]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AblationRow:
-    """A row of the ablation.
+    """A row of the ablation."""
 
-    Attributes:
-        vit: the transformer; else the convolutional twin.
-        reg: with the regulariser of Eq. 6; else ω is 0.
-        lie: the loss of Eq. 5; else half the squared difference of x, y and yaw.
-        printed: the row's errors in the paper.
-    """
-
-    vit: bool
-    reg: bool
-    lie: bool
-    printed: PrintedErrors
+    vit: bool  # the transformer; else the convolutional twin
+    reg: bool  # with the regulariser of Eq. 6; else ω is 0
+    lie: bool  # the loss of Eq. 5; else half the squared difference of x, y and yaw
+    printed: PrintedErrors  # the row's errors in the paper
 
     @property
     def name(self) -> str:

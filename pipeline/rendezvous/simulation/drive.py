@@ -106,19 +106,13 @@ TICK_S = 1.0 / CONTROL_HZ  # period of the wheel controller and of the encoders
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OdometryNoise:
-    """Errors of the encoders, on top of the slip that physics gives.
+    """Errors of the encoders, on top of the slip that physics gives."""
 
-    Attributes:
-        scale_sigma: sigma of each wheel's constant scale error (wear, tyre, calibration).
-        tick_rad: size of an encoder step (XL430: 4096 steps a turn).
-        jitter_rad: sigma of each reading.
-        planar_slip: sigma of the relative slip of each wheel and tick under `planar` drive, where there are
-            no wheels to slip.
-    """
-
-    scale_sigma: float = 0.002
-    tick_rad: float = 2.0 * math.pi / 4096
-    jitter_rad: float = 0.001
+    scale_sigma: float = 0.002  # sigma of each wheel's constant scale error (wear, tyre, calibration)
+    tick_rad: float = 2.0 * math.pi / 4096  # size of an encoder step (XL430: 4096 steps a turn)
+    jitter_rad: float = 0.001  # sigma of each reading
+    # Sigma of the relative slip of each wheel and tick under `planar` drive, where there are no wheels to
+    # slip.
     planar_slip: float = 0.02
 
     def __post_init__(self) -> None:

@@ -19,22 +19,14 @@ CELL_M = 0.25
 
 
 class RayScene(NamedTuple):
-    """Segments and circles, bucketed into cells.
+    """Segments and circles, bucketed into cells."""
 
-    Attributes:
-        segments_m: (S, 4) x0, y0, x1, y1.
-        circles_m: (C, 3) x, y, radius.
-        origin_m: (2,) lower-left corner of cell (0, 0).
-        starts: (rows * cols + 1,) int32 offsets into items.
-        items: int32; i < S is a segment, S + j a circle.
-        rows, cols: number of cells.
-    """
-
-    segments_m: Array
-    circles_m: Array
-    origin_m: Array
-    starts: NDArray[np.int32]
-    items: NDArray[np.int32]
+    segments_m: Array  # (S, 4) x0, y0, x1, y1
+    circles_m: Array  # (C, 3) x, y, radius
+    origin_m: Array  # (2,) lower-left corner of cell (0, 0)
+    starts: NDArray[np.int32]  # (rows * cols + 1,) int32 offsets into items
+    items: NDArray[np.int32]  # int32; i < S is a segment, S + j a circle
+    # rows, cols: number of cells.
     rows: int
     cols: int
 

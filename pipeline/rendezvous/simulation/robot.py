@@ -73,21 +73,16 @@ class LidarNoise:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LidarSpec:
-    """A spinning lidar on the robot's axis; its axes are those of r.
-
-    Attributes:
-        cap_radius_m: radius of its housing, which another robot's lidar sees.
-        no_echo_free_m: how far a beam clears the map if it and its neighbours have no echo.
-    """
+    """A spinning lidar on the robot's axis; its axes are those of r."""
 
     x_m: float
     z_m: float
-    cap_radius_m: float
+    cap_radius_m: float  # radius of its housing, which another robot's lidar sees
     beams: int
     rate_hz: float
     range_min_m: float
     range_max_m: float
-    no_echo_free_m: float
+    no_echo_free_m: float  # how far a beam clears the map if it and its neighbours have no echo
     noise: LidarNoise
 
     def clears_m(self) -> float:

@@ -16,23 +16,17 @@ from rendezvous.geometry.se2 import SE2, Array
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MappingParameters:
-    """How the occupancy grid is updated and read.
+    """How the occupancy grid is updated and read."""
 
-    Attributes:
-        resolution_m: side of a cell.
-        hit, miss: log-odds that a beam adds to the cell it ends in and to those it crosses.
-        limit: log-odds stay within ± this, so that a robot that drove away is forgotten.
-        occupied, free: a cell is occupied above the first and free below the second log-odds.
-        no_echo_run: how many neighbouring beams without echo clear the map (open space; a single one is a
-            lost echo).
-    """
-
-    resolution_m: float = 0.05
+    resolution_m: float = 0.05  # side of a cell
+    # hit, miss: log-odds that a beam adds to the cell it ends in and to those it crosses.
     hit: float = 0.9
     miss: float = -0.4
-    limit: float = 4.0
+    limit: float = 4.0  # log-odds stay within ± this, so that a robot that drove away is forgotten
+    # occupied, free: a cell is occupied above the first and free below the second log-odds.
     occupied: float = 0.62
     free: float = -0.62
+    # How many neighbouring beams without echo clear the map (open space; a single one is a lost echo).
     no_echo_run: int = 5
 
     def __post_init__(self) -> None:

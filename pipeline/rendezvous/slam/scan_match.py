@@ -16,26 +16,16 @@ from rendezvous.slam.surface_map import NX, NY, WEIGHT, Surface, SurfaceMap, X, 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MatchParameters:
-    """How scans are matched.
+    """How scans are matched."""
 
-    Attributes:
-        cell_m: side of the cells that hold surface elements.
-        beam_step: only every n-th beam is matched.
-        normal_radius_m: a point's normal is fitted to the neighbours within this distance.
-        gate_m: a point is matched only with a surface within this distance.
-        same_side: least cosine between the normals of a point and its surface.
-        max_weight: scans after which an element stops moving, so that the map cannot creep.
-        iterations: most Gauss-Newton steps.
-        prior_*: sigma of the odometry between two scans: constant, and per metre or radian travelled.
-    """
-
-    cell_m: float = 0.10
-    beam_step: int = 1
-    normal_radius_m: float = 0.20
-    gate_m: float = 0.15
-    same_side: float = 0.7
-    max_weight: float = 60.0
-    iterations: int = 6
+    cell_m: float = 0.10  # side of the cells that hold surface elements
+    beam_step: int = 1  # only every n-th beam is matched
+    normal_radius_m: float = 0.20  # a point's normal is fitted to the neighbours within this distance
+    gate_m: float = 0.15  # a point is matched only with a surface within this distance
+    same_side: float = 0.7  # least cosine between the normals of a point and its surface
+    max_weight: float = 60.0  # scans after which an element stops moving, so that the map cannot creep
+    iterations: int = 6  # most Gauss-Newton steps
+    # Sigma of the odometry between two scans: constant, and per metre or radian travelled.
     prior_xy_m: float = 0.004
     prior_xy_per_m: float = 0.05
     prior_yaw_rad: float = 0.008

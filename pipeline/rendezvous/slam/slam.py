@@ -22,14 +22,10 @@ _LEAST_SIGMA_M = 1e-3  # a surface seen by an ideal lidar still has a weight
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SlamParameters:
-    """Parameters of the SLAM.
+    """Parameters of the SLAM."""
 
-    Attributes:
-        extent_m: side of the square map.
-        keyframe_m, keyframe_rad: motion after which a scan is averaged into the surface map.
-    """
-
-    extent_m: float = 80.0
+    extent_m: float = 80.0  # side of the square map
+    # keyframe_m, keyframe_rad: motion after which a scan is averaged into the surface map.
     keyframe_m: float = 0.15
     keyframe_rad: float = 0.15
     match: MatchParameters = field(default_factory=MatchParameters)
@@ -47,15 +43,10 @@ class SlamParameters:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sweep:
-    """One turn of the lidar.
+    """One turn of the lidar."""
 
-    Attributes:
-        ranges_m: (B,) inf for no echo.
-        odometry: (K, 3) odometry poses evenly spaced over the sweep, first at its start, last at its end.
-    """
-
-    ranges_m: Array
-    odometry: Array
+    ranges_m: Array  # (B,) inf for no echo
+    odometry: Array  # (K, 3) odometry poses evenly spaced over the sweep, first at its start, last at its end
 
 
 @njit

@@ -21,21 +21,14 @@ X, Y, NX, NY, WEIGHT, LENGTH = range(6)
 
 
 class Surface(NamedTuple):
-    """Surface elements in linked lists, one per cell.
+    """Surface elements in linked lists, one per cell."""
 
-    Attributes:
-        first: (N, N) int32 first element of each cell, -1 for none; the map's origin is in the middle.
-        after: (M,) int32 next element of the same cell, -1 for none.
-        elements: (M, 6), see the columns above.
-        cell_m: side of the cells.
-        same_side: least cosine between the normals of a point and its element.
-    """
-
+    # (N, N) int32 first element of each cell, -1 for none; the map's origin is in the middle.
     first: NDArray[np.int32]
-    after: NDArray[np.int32]
-    elements: Array
-    cell_m: float
-    same_side: float
+    after: NDArray[np.int32]  # (M,) int32 next element of the same cell, -1 for none
+    elements: Array  # (M, 6), see the columns above
+    cell_m: float  # side of the cells
+    same_side: float  # least cosine between the normals of a point and its element
 
 
 class SurfaceMap:
