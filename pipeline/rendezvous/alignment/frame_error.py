@@ -82,12 +82,7 @@ def nees(error: Array, covariance: Array) -> Array:
 
 
 def ellipsoid_probability(nees_N: Array, degrees_of_freedom_N: Array) -> Array:
-    """(N,) probability of the smallest ellipsoid around each error; uniform on [0, 1] if the spread is right.
-
-    Args:
-        nees_N: of the errors.
-        degrees_of_freedom_N: of the t distributions, more than 2; infinite for normal ones.
-    """
+    """(N,) probability of the smallest ellipsoid around each error; uniform on [0, 1] for a true spread."""
     normal = np.isinf(degrees_of_freedom_N)
     nu = np.where(normal, 3.0, degrees_of_freedom_N)
     heavy = fdtr(_COMPONENTS, nu, nees_N / _COMPONENTS * nu / (nu - 2.0))
@@ -95,12 +90,7 @@ def ellipsoid_probability(nees_N: Array, degrees_of_freedom_N: Array) -> Array:
 
 
 def log_density(error: Array, covariance: Array, degrees_of_freedom_N: Array) -> Array:
-    """(N,) log density [1 / (m² rad)] of errors (N, 3), x [m], y [m], yaw [rad]; -inf where Σ is singular.
-
-    Args:
-        error, covariance: as for `nees`.
-        degrees_of_freedom_N: as for `ellipsoid_probability`.
-    """
+    """(N,) log density [1 / (m² rad)] of errors (N, 3), x [m], y [m], yaw [rad]; -inf where Σ is singular."""
     distance = nees(error, covariance)
     _, log_det = np.linalg.slogdet(np.where(np.isfinite(distance)[:, None, None], covariance, np.eye(3)))
     normal = np.isinf(degrees_of_freedom_N)

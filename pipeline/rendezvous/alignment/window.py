@@ -35,11 +35,7 @@ def seen_from(occupied: Mask, robot_m: tuple[float, float], *, cell_m: float, ro
     Each map knows where its own robot stood at the sighting. In the right alignment both robots stand on free
     floor, and neither map has a wall between them.
 
-    Args:
-        occupied: (N, N) the cells of a window that block sight.
-        robot_m: x, y in the window frame [m]; outside the window nothing is marked.
-        cell_m: side of a cell [m].
-        robot: its range and radius.
+    The robot is at x, y in the window frame [m]; outside the window nothing is marked.
     """
     out = np.zeros(occupied.shape, np.uint8)
     half = 0.5 * len(occupied)

@@ -74,11 +74,7 @@ def best_cell(
 ) -> ScoredCell | None:
     """The cell with the highest score; among equal ones the first by heading, then row, then column.
 
-    Args:
-        correlation: the scores.
-        bounds: their `block_bounds`.
-        above: only cells that score more than this count; None if there are none.
-        apart: only cells that are apart from another one count.
+    Only cells count that score more than `above` and are `apart` from another one; None if there are none.
     """
     best: ScoredCell | None = None
     least = above + 1

@@ -124,13 +124,8 @@ def peak_around(
     The posterior of a cell is `exp(score / temperature)`; neighbouring walls err together, so the temperature
     is far above 1.
 
-    Args:
-        theta: the box's centre.
-        window: both maps, in the cells at which to score.
-        blur_m, free_penalty: as in `correlation`.
-        step_m, step_rad: size of the box's cells.
-        steps_xy, steps_yaw: cells from the centre to the border of the box.
-        temperature: in wall cells.
+    `theta` is the box's centre; scores are at the window's cells; `steps_xy` and `steps_yaw` count cells of
+    `step_m` and `step_rad` from the centre to the border; the temperature is in wall cells.
     """
     box = _box(step_m, step_rad, steps_xy, steps_yaw)
     scores = motion_scores(_composed(theta, box), window, blur_m=blur_m, free_penalty=free_penalty)

@@ -57,12 +57,8 @@ def run_episode(
 ) -> Episode:
     """Drive both robots until `max_events` rendezvous or `max_time_s`.
 
-    Args:
-        surroundings: walls and furniture.
-        robots: their specs.
-        starts: their true start poses in w.
-        parameters: how long it runs, and what is recorded.
-        rng: split into one stream per source of randomness, so that none shifts another.
+    `starts` are true poses in w; `rng` is split into one stream per source of randomness, so that none shifts
+    another.
     """
     return _Exploration(surroundings, robots, starts, parameters, rng).finish()
 

@@ -40,11 +40,7 @@ def _pursued(path_m: Array, pose: Array, lookahead_m: float) -> tuple[int, int]:
 def _keeps_clear(points_m: Array, scan_r: Array, speed: float, turn: float, clear_m: float) -> bool:
     """Whether r, driving on with this twist, comes no nearer than `clear_m` to points it is approaching.
 
-    Args:
-        points_m: (N, 2) surfaces in the frame of the scan.
-        scan_r: (3,) pose of that frame in r.
-        speed, turn: the twist.
-        clear_m: distance to keep.
+    Points (N, 2) are surfaces in the frame of the scan, whose pose in r is `scan_r`.
     """
     c, s = math.cos(scan_r[2]), math.sin(scan_r[2])
     farthest_m = clear_m + abs(speed) * _FORESIGHT_S[-1]
@@ -63,14 +59,7 @@ def _keeps_clear(points_m: Array, scan_r: Array, speed: float, turn: float, clea
 
 
 class Explorer:
-    """Odometry, SLAM, frontier planning and path following of one robot.
-
-    Args:
-        spec: the robot.
-        slam: parameters of its SLAM.
-        parameters: how it explores.
-        rng: draws goals once everything is explored, and how to back off.
-    """
+    """Odometry, SLAM, frontier planning and path following of one robot."""
 
     def __init__(
         self,

@@ -226,11 +226,8 @@ def reach(
 ) -> Reach:
     """Cheapest ways from a cell to everywhere.
 
-    Args:
-        plan: the map.
-        row_col: start.
-        hard_clearance_m: the robot's centre never comes closer to an obstacle.
-        soft_clearance_m: it comes closer only if the way round is much longer.
+    The robot's centre never comes closer to an obstacle than the hard clearance, and closer than the soft one
+    only if the way round is much longer.
     """
     cost, parent = _costs(plan.cells, plan.clearance_m, *row_col, hard_clearance_m, soft_clearance_m)
     return Reach(cost=cost, parent=parent)

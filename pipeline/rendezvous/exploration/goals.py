@@ -19,10 +19,7 @@ _SHUN_MARGIN_M = 0.395
 class Goals:
     """Chooses goals on the robot's own map, and remembers those to avoid for a while.
 
-    Args:
-        parameters: how the robot explores.
-        robot_radius_m: added to every margin.
-        rng: draws goals once everything is explored.
+    Every margin of the parameters is added to the robot's radius.
     """
 
     def __init__(

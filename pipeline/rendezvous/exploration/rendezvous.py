@@ -45,14 +45,7 @@ def sight(
     min_range_m: float,
     max_range_m: float,
 ) -> Sighting | None:
-    """The observer's sighting of the other robot, None if it is out of range or view.
-
-    Args:
-        observer, seen: robots 0 and 1.
-        T_w_r0, T_w_r1: their true poses.
-        obstacles: walls and furniture.
-        min_range_m, max_range_m: limits of `Sighting.range_m`.
-    """
+    """The observer's sighting of the other robot, None if it is out of range or view."""
     T_r0_r1 = T_w_r0.inverse() @ T_w_r1
     if math.hypot(T_r0_r1.x_m, T_r0_r1.y_m) > max_range_m + 1.0:
         return None

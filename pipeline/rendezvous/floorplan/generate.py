@@ -67,12 +67,6 @@ def generate_floorplan(
 ) -> Floorplan:
     """A valid floor plan.
 
-    Args:
-        rng: the plan is a function of its state.
-        plan_id: name of the plan.
-        robot_radius_m: radius of the robot that has to get everywhere in it.
-        parameters: the distributions it is drawn from.
-
     Raises:
         FloorplanError: no valid plan in `ATTEMPTS` layouts; the parameters contradict each other.
     """

@@ -27,10 +27,6 @@ PLAN_ID_PATTERN = re.compile(r"[A-Za-z0-9_][A-Za-z0-9._-]{0,127}")
 def parse_floorplan(data: Mapping[str, Any], *, source: str) -> Floorplan:
     """The plan as it is written; `validated` repairs and judges its geometry.
 
-    Args:
-        data: the JSON object; `id` and `verts` are required, `room_category` and `holes` may be left out.
-        source: where it was read, for messages.
-
     Raises:
         FloorplanError: the content is not what the format says; one line with source, plan id and reason.
     """

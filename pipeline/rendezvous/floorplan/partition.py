@@ -30,12 +30,7 @@ def subdivided(
 ) -> list[Polygon]:
     """Rooms of about this area that tile a cell, by recursive cuts across its longer side.
 
-    Args:
-        cell: the polygon to cut [m].
-        rng: draws positions, tilts and when to stop.
-        room_area_m2: the area at which a cell is likely left whole.
-        min_side_m: no room is narrower.
-        slant: probability that a cut is tilted.
+    No room is narrower than `min_side_m`; `slant` is the probability that a cut is tilted.
     """
     # Uniform in [0.7, 1.5] of the wanted area, so that sizes differ within one storey.
     if cell.area < room_area_m2 * rng.uniform(0.7, 1.5) and is_compact(cell):
@@ -73,11 +68,7 @@ def merged(
 ) -> list[Polygon]:
     """Cells with some neighbours joined to one room, as L and T shapes come about.
 
-    Args:
-        cells: the tiling.
-        rng: draws which.
-        share: probability that a pair of small neighbours is joined.
-        max_area_m2: no joined room is larger.
+    `share` is the probability that a pair of small neighbours is joined; no joined room exceeds the limit.
     """
     joined = list(cells)
     gone: set[int] = set()

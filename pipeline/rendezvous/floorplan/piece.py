@@ -40,12 +40,7 @@ class Piece:
     at_wall: bool  # whether it stands with its back to a wall
 
     def standing_at(self, pose: Array, shape: Shape) -> Array:
-        """(N, 5) x [m], y [m], yaw [rad], half sides [m] in w of the parts of this shape on the floor.
-
-        Args:
-            pose: (3,) x [m], y [m], yaw [rad] of the piece.
-            shape: which parts.
-        """
+        """(N, 5) x [m], y [m], yaw [rad], half sides [m] in w of the parts of this shape on the floor."""
         standing = [p for p in self.parts if p.shape is shape and p.z0_m < DRIVE_UNDER_M]
         rows = np.array([(p.x_m, p.y_m, p.yaw_rad, p.half_x_m, p.half_y_m) for p in standing])
         rows = rows.reshape(-1, 5)

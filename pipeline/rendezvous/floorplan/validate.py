@@ -65,11 +65,6 @@ def validated(
 
     A validated plan comes back as it is.
 
-    Args:
-        floorplan: as it was read.
-        robot_radius_m: radius of the robots that have to get around in it.
-        limits: limits of a usable plan.
-
     Raises:
         FloorplanError: the plan cannot be used.
     """

@@ -125,12 +125,7 @@ def _ring_cotangents(ring_m: Array) -> Array:
 
 
 def _boxes_behind(edges_m: Array, spans: Array) -> tuple[Array, Array]:
-    """(N, 4, 2) corners and (N,) lengths [m] of boxes to the right of edges.
-
-    Args:
-        edges_m: (N, 4).
-        spans: (N, 3) trim at the start, trim at the end, thickness [m].
-    """
+    """(N, 4, 2) corners and (N,) lengths [m] of boxes to the right of edges."""
     start_m, step_m = edges_m[:, :2], edges_m[:, 2:] - edges_m[:, :2]
     length_m = np.linalg.norm(step_m, axis=1, keepdims=True)
     along = step_m / length_m

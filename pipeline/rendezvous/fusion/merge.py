@@ -110,10 +110,6 @@ def probabilistically_merged(
 ) -> ProbabilisticMerge:
     """The global map in m0 by the sum of both maps' log-odds.
 
-    Args:
-        grid_0, grid_1, T_m0_m1: as for `merged`.
-        evidence: weights of the cells; by default `CellEvidence()`.
-
     Raises:
         MapError: the map would have more than `MAX_CELLS` cells.
     """

@@ -83,13 +83,7 @@ class FrameErrorPrior:
 
 
 def frame_error_prior(sighting: SightedPose, T_m0_r0: SE2, *, slam: SlamSpread) -> FrameErrorPrior | None:
-    """The prior of θ_v for the T̃ of the sighting's best mode; None if its covariance is unknown.
-
-    Args:
-        sighting: of robot 1.
-        T_m0_r0: where robot 0 stood.
-        slam: accuracy of both robots' own poses.
-    """
+    """The prior of θ_v for the T̃ of the sighting's best mode; None if its covariance is unknown."""
     if sighting.best.covariance is None:
         return None
     phi_rad = T_m0_r0.yaw_rad + sighting.best.T_r0_r1.yaw_rad
@@ -189,12 +183,7 @@ def refined(
 ) -> RefinedAlignment:
     """Estimate the frame error of an initial alignment, in a window that is turned against both maps.
 
-    Args:
-        given: maps and poses.
-        T_m0_m1: T̃.
-        T_m0_v: the window's centre, with the axes of m0; the result is in this frame.
-        refiner: gives the method.
-        prior: the sighting's, in v; None without a covariance.
+    The result is in `T_m0_v`, the window's centre with the axes of m0; so is the sighting's prior.
     """
     yaw_rad = _window_yaw(given, T_m0_m1)
     R = SE2(0.0, 0.0, yaw_rad)

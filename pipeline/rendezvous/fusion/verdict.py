@@ -182,13 +182,7 @@ def sighting_doubts(sighting: SightedPose, *, refined: bool) -> list[str]:
 def refinement_doubts(
     refined: RefinedAlignment, prior: FrameErrorPrior | None, agreements: tuple[MapAgreement, MapAgreement]
 ) -> list[str]:
-    """Doubts about an estimate of the frame error.
-
-    Args:
-        refined: the estimate.
-        prior: the sighting's.
-        agreements: of the maps before and after the refinement.
-    """
+    """Doubts about an estimate of the frame error."""
     estimate, search = refined.estimate, refined.search
     if estimate.theta is None:
         return [f"the maps could not refine the alignment: {estimate.reason}"]

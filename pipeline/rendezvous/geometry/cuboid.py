@@ -30,13 +30,7 @@ def cuboid_points(size_m: Vec3) -> Array:
 
 
 def project_cuboid(T_c_o: Array, size_m: Vec3, camera: PinholeCamera) -> Array:
-    """(9, 2) [px]: the nine points' pixels, inside the image or not; NaN for points behind the camera.
-
-    Args:
-        T_c_o: (4, 4) pose of the cuboid in the camera.
-        size_m: sides along the axes of o.
-        camera: intrinsics.
-    """
+    """(9, 2) [px]: the nine points' pixels, inside the image or not; NaN for points behind the camera."""
     return camera.project(cuboid_points(size_m) @ T_c_o[:3, :3].T + T_c_o[:3, 3])
 
 

@@ -52,12 +52,8 @@ class Config:
     ) -> Self:
         """The defaults, changed by what is fixed and by these settings.
 
-        Args:
-            settings: values that differ from the defaults.
-            where: `train.settings`, for messages.
-            model: its name, for messages.
-            fixed: fields that the model's name or the samples decide.
-            follows: fields that may not be set because they follow from other parameters.
+        The model's name or the samples decide the `fixed` fields; those in `follows` may not be set, because
+        they follow from other parameters. `where` (such as `train.settings`) and `model` are for messages.
 
         Raises:
             ConfigError: a setting is fixed, unknown (names the nearest known), of another type, or invalid.

@@ -72,9 +72,7 @@ def input_grid(cells_B2NN: Tensor, *, cells: int) -> Tensor:
     Pooled to `cells` along a side by the largest value: occupied wins, then free, then unknown. (A mean, or
     every second cell, would lose the walls.) Runs on the cells' device.
 
-    Args:
-        cells_B2NN: uint8 of UNKNOWN_CELL, FREE_CELL, OCCUPIED_CELL; N is a multiple of `cells`.
-        cells: H and W.
+    The cells are uint8 of UNKNOWN_CELL, FREE_CELL, OCCUPIED_CELL; N is a multiple of `cells`, H and W.
     """
     batch, channels, size, _ = cells_B2NN.shape
     factor = size // cells
@@ -135,9 +133,6 @@ def attention_rollout(attention_BLhTT: Tensor) -> Tensor:
     Attention Rollout (Abnar & Zuidema, 2020): attention is averaged over heads and mixed half and half with
     the identity, for the residual connection, then multiplied through the layers from first to last. The
     class token's share in itself is left out.
-
-    Args:
-        attention_BLhTT: from `FrameErrorViT.with_attention`; T is one more than a square.
     """
     heads_BLTT = attention_BLhTT.float().mean(dim=2)
     tokens = heads_BLTT.shape[-1]

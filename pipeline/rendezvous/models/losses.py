@@ -41,13 +41,8 @@ def frame_error_loss(
     """L = L_error + ω L_reg (Eq. 7). With ω > 0 the network runs twice, and gradients flow through both
     runs.
 
-    Args:
-        network: ξ (B, 3) of a coded pair of maps (B, 2, H, W).
-        grid_B2HW: the input, from `input_grid`.
-        theta_B3: the true frame error as a pose.
-        lie_algebra: the network gives a twist; otherwise a pose.
-        omega: weight of the regulariser, in [0, 1].
-        cell_m: side of a cell [m].
+    The network gives ξ, a twist if `lie_algebra` or else a pose, for a coded pair of maps from `input_grid`;
+    θ is the true frame error as a pose, ω in [0, 1] the regulariser's weight.
     """
     assert 0.0 <= omega <= 1.0, omega
     xi_B3 = network(grid_B2HW)
@@ -83,11 +78,6 @@ def warp(grid_BCHW: Tensor, pose_B3: Tensor, *, cell_m: float) -> Tensor:
     """(B, C, H, W) grids moved by poses about the window's centre: `warped(u) = grid(pose⁻¹ u)`.
 
     Bilinear and differentiable in both (a spatial transformer). Cells from outside the window are unknown, 0.
-
-    Args:
-        grid_BCHW: square coded grids, H = W.
-        pose_B3: in the window frame.
-        cell_m: side of a cell [m].
     """
     half_m = 0.5 * grid_BCHW.shape[-1] * cell_m
     x, y, yaw = lie.inverse(pose_B3).unbind(-1)

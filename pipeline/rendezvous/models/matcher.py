@@ -159,11 +159,7 @@ class Matcher(nn.Module):
         self.carried_weight = nn.Parameter(torch.tensor(1.0))
 
     def features(self, cells_BMNN: Tensor, sight_BMNN: Tensor | None = None) -> Features:
-        """Features of both maps of each window.
-
-        Args:
-            cells_BMNN, sight_BMNN: (B, 2, N, N) uint8, coded as in a `MapWindow`.
-        """
+        """Features of both maps of each window."""
         sight_BMNN = torch.zeros_like(cells_BMNN) if sight_BMNN is None else sight_BMNN
         coarse, fine = self.encoder(cells_BMNN.flatten(0, 1), sight_BMNN.flatten(0, 1))
         B = len(cells_BMNN)

@@ -110,12 +110,7 @@ def least_trusted_mass(mass_P: Array, wrong_P: Mask) -> float:
 
 
 def most_likely_spread(error_P3: Array, covariance_P33: Array) -> MatcherCalibration:
-    """The scale, floors and degrees of freedom under which the errors are most likely.
-
-    Args:
-        error_P3: x [m], y [m], yaw [rad] of θ̂⁻¹ θ.
-        covariance_P33: the matcher's own.
-    """
+    """The scale, floors and degrees of freedom under which the errors are most likely."""
 
     def calibration(logs: Array) -> MatcherCalibration:
         scale, floor_m, floor_rad, tails = np.exp(np.clip(logs, *np.log(_LIMITS).T))

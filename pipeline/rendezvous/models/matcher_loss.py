@@ -67,11 +67,7 @@ def matcher_loss(
 ) -> tuple[Tensor, dict[str, float]]:
     """The loss, and its parts.
 
-    Args:
-        model: the matcher in training.
-        cells_BMNN, sight_BMNN: as `Matcher.features` takes them.
-        theta_B3: true frame errors: x [m], y [m], yaw [rad].
-        sampling: where to evaluate scores.
+    Cells and sight are as `Matcher.features` takes them, θ the true frame errors: x [m], y [m], yaw [rad].
 
     Raises:
         ConfigError: a θ lies outside the scored volume.

@@ -161,12 +161,7 @@ class Posterior:
         return float(self.log_p_HYX[turn, y, x])
 
     def times_prior(self, *priors: Gaussian) -> Posterior:
-        """This posterior times a normal prior, normalised again.
-
-        Args:
-            priors: several are a mixture by their weights: for a pose estimator that may have flipped the
-                robot, say.
-        """
+        """This posterior times a normal prior, normalised again."""
         log_p = self.log_p_HYX + log_prior(priors, self.headings_rad, self.ys_m, self.xs_m)
         return replace(self, log_p_HYX=log_p).normalised()
 

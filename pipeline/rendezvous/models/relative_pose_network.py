@@ -93,11 +93,7 @@ class RelativePoseNet(nn.Module):
         self.register_buffer("std", torch.tensor(VGG_STD)[:, None, None], persistent=False)
 
     def forward(self, image_B3HW: Tensor) -> list[StageMaps]:
-        """The maps of every stage; the last are the best.
-
-        Args:
-            image_B3HW: uint8 red, green, blue; H and W are multiples of 8.
-        """
+        """The maps of every stage; the last are the best."""
         image = (image_B3HW.float() / 255.0 - self.mean) / self.std
         features = self.features(image.contiguous(memory_format=torch.channels_last))
         seen, found = features, list[StageMaps]()

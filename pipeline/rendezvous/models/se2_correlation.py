@@ -18,13 +18,7 @@ from torch.nn import functional
 
 
 def moved(grid_BFYX: Tensor, heading_BH_rad: Tensor, shift_BH2: Tensor | None = None) -> Tensor:
-    """(B, F, H, Y, X): each grid turned about its middle by each of its headings, zero from outside.
-
-    Args:
-        grid_BFYX: the grids.
-        heading_BH_rad: the headings.
-        shift_BH2: shift of each turned grid along x and y [cells]; none by default.
-    """
+    """(B, F, H, Y, X): each grid turned about its middle by each of its headings, zero from outside."""
     B, H = heading_BH_rad.shape
     height, width = grid_BFYX.shape[-2:]
     c, s = heading_BH_rad.cos().reshape(-1), heading_BH_rad.sin().reshape(-1)
@@ -75,11 +69,7 @@ def correlation(a_BFHYX: Tensor, b_BFYX: Tensor, y_BHY: Tensor, x_BHX: Tensor, s
     Between whole cells it is interpolated through its spectrum. A slide longer than `size` minus the grids'
     side wraps around.
 
-    Args:
-        a_BFHYX: map 0, moved.
-        b_BFYX: map 1 as placed.
-        y_BHY, x_BHX: the slides of each heading along both axes [cells].
-        size: side of the FFT, N.
+    `a` is map 0, moved; `b` map 1 as placed; each heading has its slides [cells]; `size` is the FFT's side, N.
     """
     scores: Tensor = _Correlation.apply(a_BFHYX, b_BFYX, y_BHY, x_BHX, size)  # type: ignore[no-untyped-call]  # torch
     return scores

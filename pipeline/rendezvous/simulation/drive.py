@@ -24,9 +24,7 @@ _PARKED = (-1,)
 class Nearby:
     """The solids within reach of each cell of a grid over the floor.
 
-    Args:
-        solids: walls and furniture.
-        reach_m: a solid is near a cell if it is within this distance of one of its points.
+    A solid is near a cell if it is within `reach_m` of one of its points.
     """
 
     def __init__(self, solids: Sequence[Solid], *, reach_m: float) -> None:
@@ -59,12 +57,7 @@ def _cells_near(solid: Solid, reach_m: float) -> list[tuple[int, int]]:
 
 
 class Slots:
-    """The geoms `slot0`, `slot1`, ... of a model, which can take the place of solids.
-
-    Args:
-        model: from `scene_mjcf` with slots.
-        solids: all that can be put into them.
-    """
+    """The geoms `slot0`, `slot1`, ... of a model, which can take the place of solids."""
 
     def __init__(self, model: Any, solids: Sequence[Solid]) -> None:
         self._model = model

@@ -51,12 +51,8 @@ def scene_mjcf(
 ) -> str:
     """A standalone MJCF of the scene with the robots in it.
 
-    Args:
-        solids: walls and furniture.
-        robots: one spec per robot; bodies are named `r0`, `r1`, ...
-        starts: pose of each robot in w.
-        drive: how the robots move.
-        slots: number of geoms `slot0`, `slot1`, ... far below the floor, to be filled with solids later.
+    Bodies are named `r0`, `r1`, ... and start at the robots' poses in w; `slots` geoms named `slot0`,
+    `slot1`, ... lie far below the floor, to be filled with solids later.
     """
     geoms = "\n".join(
         [_solid_geom(solid) for solid in solids]

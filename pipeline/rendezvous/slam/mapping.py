@@ -115,9 +115,7 @@ def _integrate(
 class OccupancyMapper:
     """The log-odds grid of one robot, the map frame's origin at its centre.
 
-    Args:
-        extent_m: side of the square it can hold; what lies outside is not mapped.
-        parameters: how it is updated and read.
+    It holds a square of side `extent_m`; what lies outside is not mapped.
     """
 
     def __init__(self, *, extent_m: float, parameters: MappingParameters) -> None:

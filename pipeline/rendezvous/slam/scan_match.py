@@ -47,11 +47,8 @@ _ASSOCIATIONS = 3
 def scan_normals(points_m: Array, origins_m: Array, valid: NDArray[np.bool_], radius_m: float) -> Array:
     """(B, 2) unit normals towards the sensor; zero where the points do not form a line.
 
-    Args:
-        points_m: (B, 2) in beam order, closing the circle.
-        origins_m: (B, 2) the sensor as each beam was shot.
-        valid: (B,) which beams have a point.
-        radius_m: only neighbours within this distance count.
+    Points (B, 2) are in beam order and close the circle, origins the sensor as each beam was shot; only
+    neighbours within the radius count.
     """
     n = points_m.shape[0]
     normals = np.zeros((n, 2))

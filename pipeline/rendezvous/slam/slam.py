@@ -100,12 +100,8 @@ def open_space(ranges_m: Array, run: int) -> NDArray[np.bool_]:
 class Slam:
     """Online SLAM: odometry prior, scan match, occupancy mapping. Map frame: the pose at the first sweep.
 
-    Args:
-        bearings_rad: (B,) directions of the lidar's beams.
-        lidar_x_m: the lidar's place on the robot's axis.
-        lidar_sigma: sigma of its ranges by the data sheet: hypot(first [m], second * range).
-        no_echo_m: how far a beam without echo clears the map.
-        parameters: of map, matcher and keyframes.
+    `lidar_sigma` is the sigma of a range by the data sheet: hypot(first [m], second * range). A beam without
+    echo clears the map as far as `no_echo_m`.
     """
 
     def __init__(
@@ -193,12 +189,7 @@ def relative(a: Array, b: Array) -> Array:
 
 
 class WheelOdometry:
-    """Integrates wheel angles into a pose; the pose at the first reading is the origin.
-
-    Args:
-        wheel_radius_m: nominal radius of the wheels.
-        track_m: nominal distance between the wheels.
-    """
+    """Integrates wheel angles into a pose; the pose at the first reading is the origin."""
 
     def __init__(self, *, wheel_radius_m: float, track_m: float) -> None:
         self._radius_m = wheel_radius_m

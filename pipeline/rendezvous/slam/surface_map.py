@@ -34,11 +34,7 @@ class Surface(NamedTuple):
 class SurfaceMap:
     """A surface that grows scan by scan.
 
-    Args:
-        extent_m: side of the square that the map can hold.
-        cell_m, same_side: see `Surface`.
-        max_weight: weight at which an element stops moving, so that the map cannot creep; one point at a
-            sigma of 1 cm weighs 1.
+    An element of `max_weight` stops moving: the map cannot creep. One point at a sigma of 1 cm weighs 1.
     """
 
     def __init__(self, *, extent_m: float, cell_m: float, same_side: float, max_weight: float) -> None:
