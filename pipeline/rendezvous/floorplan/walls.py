@@ -16,7 +16,6 @@ from rendezvous.geometry.se2 import Array
 
 THICKNESSES_M = (0.1, 0.07, 0.05, 0.035, 0.025, 0.015, 0.01, 0.005, 0.002)
 """A wall box is as thick as the wall behind its face allows, of these."""
-
 MAX_TRIM_M = 0.02  # the most that a box stops short of a sharp corner, unless it is already the thinnest
 ROUNDING_M = 1e-6
 

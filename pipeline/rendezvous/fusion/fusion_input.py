@@ -64,11 +64,9 @@ class FusionInput:
 OUTLIER_SHARE = 0.02
 """Share of images whose estimate is of something else. A guess on the safe side: calibrated detections are
 wrong in less than 1 %."""
-
 OUTLIER_DENSITY = 1.0 / 75.0
 """Density of such an estimate [1 / (m² rad)]: anywhere in 12 m² (what a camera of 55° sees up to 5 m), any
 heading."""
-
 MOST_MODES = 16  # most modes kept of a product
 NEGLIGIBLE_MASS = 1e-4
 

@@ -29,7 +29,6 @@ if TYPE_CHECKING:  # fusing without the matcher needs no PyTorch
 OUTLIER_SIGMAS = (1.0, 1.0, math.radians(90.0))
 """Standard deviations [m, m, rad] of the frame error if the sighting is of something else: the paper's
 range in x and y, and nearly any heading."""
-
 WIDEST = SearchRange(xy_m=4.0, yaw_rad=math.pi)  # as far as a search makes sense in a window of 19 m
 NARROWEST = SearchRange(xy_m=0.3, yaw_rad=math.radians(5.0))  # a search always has some room: maps drift
 SEARCH_SIGMAS = 3.5  # standard deviations that a search reaches
@@ -164,7 +163,6 @@ def matcher_refiner(matcher: MatcherEstimator, *, with_prior: bool) -> Refiner:
 WINDOW_TURN_RAD = math.radians(22.5)
 """Drawn into a window along its own cells, all of a map's walls move the same way, by up to half a cell. In a
 window turned by this much, each moves its own way, which halves the error of the estimate."""
-
 EDGE_M, EDGE_RAD = 0.1, math.radians(1.0)
 """An estimate this close to the edge of its search may lie beyond it."""
 

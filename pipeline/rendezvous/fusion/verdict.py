@@ -107,28 +107,21 @@ def _conflicts(grid_a: OccupancyGrid, grid_b: OccupancyGrid, T_b_a: SE2) -> tupl
 AROUND_ROBOT_M = 0.25  # a map knows at least something this close to its robot: the floor that it stands on
 LEAST_SCORE = 0.5
 """A detection that scores less is as likely something else: the score is calibrated as a probability."""
-
 LEAST_BEST_MASS = 0.9
 """Without refinement, the best mode of a sighting must be this probable: a wrong one spoils the map."""
-
 VERDICT_SIGMAS = 2.0
 """One error in twenty exceeds two standard deviations; an error of that size must not make the estimate
 wrong."""
-
 SURPRISING = 0.999
 """An estimate this improbable by the sighting means that one of them is wrong: by chance it happens once
 in a thousand."""
-
 LEAST_COMPARED = 30
 """Occupied cells (of 5 cm: 1.5 m of wall in either map) below which agreement proves nothing."""
-
 LEAST_WALL_SHARE = 0.6
 """Correctly refined maps of validation pairs agree on more of the walls that they share: 0.77 and up."""
-
 MOST_CONFLICTS = 0.08
 """Share of the cells known in both maps that are occupied in one and free in the other: at most 0.07 in
 such correct alignments, at least 0.07 in wrong ones."""
-
 AGREEMENT_MARGIN = 0.05  # a fall in agreement by less than this is rounding to cells
 
 

@@ -28,7 +28,6 @@ SHARPNESSES = tuple(float(s) for s in np.geomspace(0.5, 8.0, 17))  # the values 
 _LIMITS = np.array([[1e-3, 1e3], [1e-5, 1.0], [1e-5, 1.0], [0.1, 1e3]])
 _FIRST_GUESS = (0.5, 0.005, 0.003, 3.0)
 """Scale, floor of x and y [m], floor of yaw [rad], degrees of freedom above 2."""
-
 WRONG_SHARE, FLAGGED_SHARE = 0.005, 0.5
 """At most this share of the estimates that are not flagged may be wrong, and at most this share may be
 flagged."""

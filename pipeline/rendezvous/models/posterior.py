@@ -19,7 +19,6 @@ from rendezvous.geometry.se2 import SE2, Array, wrap_angle
 HalfWidths = tuple[float, float]  # half widths of a box in x and y [m] and in heading [rad]
 PEAK_BOX: HalfWidths = (0.5, math.radians(7.5))
 """Two peaks closer than this are one; the cells within it belong to the peak."""
-
 WHOLE: HalfWidths = (math.inf, math.inf)  # the box that holds a whole volume
 
 

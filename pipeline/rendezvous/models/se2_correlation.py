@@ -69,7 +69,7 @@ def correlation(a_BFHYX: Tensor, b_BFYX: Tensor, y_BHY: Tensor, x_BHX: Tensor, s
     Between whole cells it is interpolated through its spectrum. A slide longer than `size` minus the grids'
     side wraps around.
 
-    `a` is map 0, moved; `b` map 1 as placed; each heading has its slides [cells]; `size` is the FFT's side, N.
+    `a` is map 0, moved; `b` map 1 as placed; each heading has its slides [cells]; `size` is N.
     """
     scores: Tensor = _Correlation.apply(a_BFHYX, b_BFYX, y_BHY, x_BHX, size)  # type: ignore[no-untyped-call]  # torch
     return scores
