@@ -11,14 +11,13 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from rendezvous.alignment.estimate import FrameErrorEstimator
+from rendezvous.alignment.estimate import FrameErrorEstimator, Identity
 from rendezvous.alignment.frame_error import perturbed
 from rendezvous.alignment.window import DEFAULT_SEARCH, OCCUPIED_CELL, MapWindow, SearchRange, map_window
 from rendezvous.baselines.branch_and_bound import best_cell, block_bounds
 from rendezvous.baselines.correlation import Correlation
 from rendezvous.baselines.correlative import CorrelativeSearch
 from rendezvous.baselines.hough import HoughSpectrum
-from rendezvous.baselines.identity import Identity
 from rendezvous.baselines.orb import OrbRansac
 from rendezvous.errors import FloorplanError
 from rendezvous.geometry.occupancy_grid import grid_from_png

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from rendezvous.alignment.estimate import Estimate as Estimate
     from rendezvous.alignment.estimate import FrameErrorEstimator as FrameErrorEstimator
+    from rendezvous.alignment.estimate import Identity as Identity
     from rendezvous.alignment.window import MapWindow as MapWindow
     from rendezvous.baselines.correlative import CorrelativeSearch as CorrelativeSearch
     from rendezvous.baselines.hough import HoughSpectrum as HoughSpectrum
-    from rendezvous.baselines.identity import Identity as Identity
     from rendezvous.baselines.orb import OrbRansac as OrbRansac
     from rendezvous.commands.evaluate.from_python import evaluate as evaluate
     from rendezvous.commands.fuse.from_python import fuse as fuse
@@ -42,7 +42,7 @@ _HOME = {
     "FrameErrorEstimator": "alignment.estimate",
     "FusionResult": "fusion.system",
     "HoughSpectrum": "baselines.hough",
-    "Identity": "baselines.identity",
+    "Identity": "alignment.estimate",
     "MapPair": "training.frame_error.pairs",
     "MapWindow": "alignment.window",
     "MatcherEstimator": "models.matcher_estimator",

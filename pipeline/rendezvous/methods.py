@@ -21,11 +21,10 @@ from importlib import import_module
 from importlib.metadata import entry_points
 from typing import Any
 
-from rendezvous.alignment.estimate import FrameErrorEstimator
+from rendezvous.alignment.estimate import FrameErrorEstimator, Identity
 from rendezvous.alignment.window import DEFAULT_SEARCH, SearchRange
 from rendezvous.baselines.correlative import CorrelativeSearch
 from rendezvous.baselines.hough import HoughSpectrum
-from rendezvous.baselines.identity import Identity
 from rendezvous.baselines.orb import OrbRansac
 from rendezvous.errors import ConfigError
 from rendezvous.fusion.refinement import FrameErrorPrior, Refiner, correlative_refiner

@@ -7,8 +7,7 @@ import pytest
 import shapely
 from rendezvous.floorplan.catalogue import Maker
 from rendezvous.floorplan.furnish import GENERIC, RECIPES, recipe_for
-from rendezvous.floorplan.piece import DRIVE_UNDER_M
-from rendezvous.floorplan.records import Shape, Solid
+from rendezvous.floorplan.records import DRIVE_UNDER_M, Shape, Solid
 from shapely.affinity import rotate, translate
 
 MAKERS = sorted(

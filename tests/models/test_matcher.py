@@ -10,12 +10,11 @@ from rendezvous.alignment.frame_error import pose_difference
 from rendezvous.alignment.window import OCCUPIED_CELL, OPEN_CELL, MapWindow, SearchRange
 from rendezvous.errors import ConfigError
 from rendezvous.geometry.se2 import SE2
-from rendezvous.models.matcher import Matcher, MatcherConfig
+from rendezvous.models.matcher import Matcher, MatcherConfig, correlation, fft_size, moved, se2_scores
 from rendezvous.models.matcher_calibration import MatcherCalibration
 from rendezvous.models.matcher_estimator import MatcherEstimator
 from rendezvous.models.matcher_loss import LossSampling, matcher_loss
 from rendezvous.models.posterior import Gaussian
-from rendezvous.models.se2_correlation import correlation, fft_size, moved, scores
 from torch import Tensor, nn
 
 from tests.models.worlds import misplaced, rooms
@@ -112,9 +111,9 @@ def test_what_slides_out_of_the_window_does_not_come_back_on_the_other_side(whol
     a, b = torch.zeros(1, 1, 8, 8), torch.zeros(1, 1, 8, 8)
     a[..., 4, 7], b[..., 4, 1] = 1.0, 1.0
     y, x = torch.zeros(1, 1, 1), torch.tensor([[[-6.0, 2.0]]])
-    found = scores(a, b, torch.zeros(1, 1), y, x if whole_range else x[..., 1:], whole_range=whole_range)
+    found = se2_scores(a, b, torch.zeros(1, 1), y, x if whole_range else x[..., 1:], whole_range=whole_range)
     assert found[..., -1].item() == pytest.approx(0.0, abs=1e-5)
-    back = scores(a, b, torch.zeros(1, 1), y, x[..., :1], whole_range=whole_range)
+    back = se2_scores(a, b, torch.zeros(1, 1), y, x[..., :1], whole_range=whole_range)
     assert back.item() == pytest.approx(1.0, abs=1e-4)
 
 
@@ -123,7 +122,7 @@ def test_both_ways_of_sliding_give_the_same_scores():
     a, b = (nn.functional.pad(torch.randn(1, 2, 8, 8, generator=generator), [4] * 4) for _ in range(2))
     heading = torch.full((1, 1), 0.3)
     slides = torch.tensor([[[1.0, 2.0, 3.0]]])
-    near, far = (scores(a, b, heading, slides, slides, whole_range=whole) for whole in (False, True))
+    near, far = (se2_scores(a, b, heading, slides, slides, whole_range=whole) for whole in (False, True))
     assert near.numpy() == pytest.approx(far.numpy(), abs=1e-3)
 
 
@@ -132,8 +131,8 @@ def test_pairs_do_not_meet_in_a_batch():
     a, b = (torch.randn(3, 2, 8, 8, generator=generator) for _ in range(2))
     heading = torch.rand(3, 4, generator=generator)
     slides = torch.arange(-2.0, 3.0).expand(3, 4, -1)
-    together = scores(a, b, heading, slides, slides, whole_range=True)
-    alone = scores(a[1:2], b[1:2], heading[1:2], slides[1:2], slides[1:2], whole_range=True)
+    together = se2_scores(a, b, heading, slides, slides, whole_range=True)
+    alone = se2_scores(a[1:2], b[1:2], heading[1:2], slides[1:2], slides[1:2], whole_range=True)
     assert together[1].numpy() == pytest.approx(alone[0].numpy(), abs=1e-4)
 
 

@@ -1,10 +1,10 @@
-"""The interface of every estimator of the frame error, learned or not."""
+"""The interface of every estimator of the frame error, learned or not, and the one that corrects nothing."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 from rendezvous.alignment.window import MapWindow
 from rendezvous.geometry.se2 import SE2, Array
@@ -48,3 +48,14 @@ class FrameErrorEstimator(Protocol):
 
     def __call__(self, window: MapWindow) -> Estimate:
         """Estimate the frame error in a window."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Identity:
+    """Leaves the estimate from the rendezvous as it is (Eq. 2 without Eq. 3)."""
+
+    name: ClassVar[str] = "identity"
+
+    def __call__(self, window: MapWindow) -> Estimate:
+        """θ̂ = identity for any window."""
+        return Estimate(theta=SE2.identity())

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from rendezvous.floorplan.piece import Part, Piece, box_part, legs, piece_of, pole_part
+from rendezvous.floorplan.records import Part, Piece, box_part, legs, piece_of, pole_part
 
 Maker = Callable[[np.random.Generator], Piece]
 

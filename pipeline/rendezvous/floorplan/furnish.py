@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from rendezvous.errors import FloorplanError
 from rendezvous.floorplan import catalogue as c
 from rendezvous.floorplan.catalogue import Maker
-from rendezvous.floorplan.piece import Piece
-from rendezvous.floorplan.records import Floorplan, Room, Solid
+from rendezvous.floorplan.records import Floorplan, Piece, Room, Solid
 from rendezvous.floorplan.site import CELL_M, Site
 from rendezvous.geometry.se2 import Array
 

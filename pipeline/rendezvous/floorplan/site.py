@@ -7,7 +7,6 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from rendezvous.floorplan.piece import Piece
 from rendezvous.floorplan.reach import (
     DOORWAY,
     VACANT,
@@ -17,7 +16,7 @@ from rendezvous.floorplan.reach import (
     first_vacant,
     furnish_in_place,
 )
-from rendezvous.floorplan.records import Floorplan, Shape
+from rendezvous.floorplan.records import Floorplan, Piece, Shape
 from rendezvous.floorplan.validate import start_regions
 from rendezvous.geometry.occupancy_grid import Cells
 from rendezvous.geometry.se2 import Array

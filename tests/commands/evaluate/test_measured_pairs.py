@@ -10,8 +10,8 @@ import pytest
 pytest.importorskip("matplotlib")
 pytest.importorskip("torch")
 
+from rendezvous.alignment.estimate import Identity
 from rendezvous.alignment.window import DEFAULT_SEARCH, SearchRange
-from rendezvous.baselines.identity import Identity
 from rendezvous.commands.evaluate import measured_pairs, measuring
 from rendezvous.methods import own_method
 from rendezvous.stages.weights.estimators import SelectedMethod, select_methods
