@@ -48,10 +48,7 @@ def perturbed(T_true: SE2, T_m0_r1: SE2, theta: SE2) -> tuple[SE2, SE2]:
     The centre must be where T̃, not the truth, puts robot 1: with P the true meeting point, `C = P + R_ψ⁻¹
     t`.
 
-    Args:
-        T_true: the true `T_m0_m1`.
-        T_m0_r1: the true pose of robot 1 in map 0; only its position P matters.
-        theta: the frame error (t, ψ) at C, in the axes of m0.
+    θ = (t, ψ) is at C, in the axes of m0; of the true pose of robot 1 in map 0 only the position P matters.
     """
     back = SE2(0.0, 0.0, -theta.yaw_rad) @ np.array([theta.x_m, theta.y_m])
     T_m0_v = SE2(T_m0_r1.x_m + float(back[0]), T_m0_r1.y_m + float(back[1]), 0.0)

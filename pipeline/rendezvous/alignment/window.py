@@ -75,13 +75,8 @@ def resampled(
     Each cell takes the source cell that its centre lies in, unknown outside. A turned wall of one cell can
     slip between all centres, so every occupied source cell also marks the cell that its own centre lies in.
 
-    Args:
-        source: cells of a map.
-        T_s_g: (3,) pose of frame g in the frame s of the source's outer corner: x [m], y [m], yaw [rad].
-        source_m: side of a source cell [m].
-        cell_m: side of a cell of g [m].
-        corner_m: x and y in g of the outer corner of its cell (0, 0) [m].
-        shape: H and W.
+    `T_s_g` (3,) is the pose of g in the frame s of the source's outer corner: x [m], y [m], yaw [rad]. Cells
+    have sides of `source_m` and `cell_m`; cell (0, 0) of g has its outer corner at x = y = `corner_m`.
     """
     (height, width), (rows, cols) = source.shape, shape
     c, s = math.cos(T_s_g[2]), math.sin(T_s_g[2])

@@ -67,12 +67,8 @@ def correlation(
 ) -> Correlation:
     """Prepare the scores of all motions in a range, in the window's cells.
 
-    Args:
-        window: both maps.
-        search: half widths; a yaw of pi or more is every heading.
-        heading_step_rad: largest step between headings.
-        blur_m: standard deviation of a wall's Gaussian.
-        free_penalty: cost of a wall on free floor, a wall on a wall counting 1.
+    A wall is a Gaussian of deviation `blur_m`; one on free floor costs `free_penalty`, one on a wall counts
+    1. A search of pi or more is of every heading, in steps of at most `heading_step_rad`.
     """
     size, reach = window.cells.shape[1], math.ceil(search.xy_m / window.cell_m - 1e-9)
     headings_rad = _headings(search.yaw_rad, heading_step_rad)

@@ -45,15 +45,8 @@ class Goals:
     ) -> Array:
         """(N, 2) [m] path to the frontier that costs least for its length; without frontiers, to anywhere.
 
-        Args:
-            mapper: the robot's map.
-            pose: (3,) the robot in it.
-            last_m: (M, 2) path followed until now.
-            time_s: now.
-            keep_patrol: without frontiers, go on to where the last path leads.
-
-        Returns:
-            Empty if nothing can be reached.
+        Empty if nothing can be reached. Without frontiers, `keep_patrol` goes on to where the last path
+        leads.
         """
         self._shunned = [place for place in self._shunned if place[2] > time_s]
         self._bumps = [place for place in self._bumps if place[2] > time_s]

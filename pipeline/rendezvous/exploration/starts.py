@@ -33,15 +33,8 @@ def draw_starts(
 ) -> tuple[SE2, SE2]:
     """Two start poses in w.
 
-    Args:
-        floorplan: the plan.
-        regions: its rooms.
-        solids: the furniture that a robot can run into.
-        scene: walls and furniture as the lidar sees them.
-        clearance_m: distance from the starts to all of them.
-        passage_m: distance that a robot keeps on its way; the starts can reach each other with it.
-        least_distance_m: distance between the starts.
-        rng: draws two rooms without replacement, then places and headings uniformly.
+    Starts keep `clearance_m` from solids and walls, and can reach each other at `passage_m` from them. Two
+    rooms are drawn without replacement, then places and headings uniformly.
 
     Raises:
         FloorplanError: no such pair was found.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import cycle
 
 import numpy as np
 import shapely
@@ -97,20 +98,10 @@ def generate_floorplan(
 def shipped_floorplans(count: int, *, robot_radius_m: float, seed: int = 0) -> list[Floorplan]:
     """The plans of the folder `floorplans/`: `rdv-000`, `rdv-001`, ..., kinds by turns."""
     plans = []
-    for index in range(count):
-        plan_id = f"rdv-{index:03d}"
-        kind = SHIPPED_KINDS[index % len(SHIPPED_KINDS)]
-        parameters = GeneratorParameters(
-            apartment=float(kind == "apartment"), office=float(kind == "office"), hall=float(kind == "hall")
-        )
-        plans.append(
-            generate_floorplan(
-                stream(seed, "shipped", plan_id),
-                plan_id=plan_id,
-                robot_radius_m=robot_radius_m,
-                parameters=parameters,
-            )
-        )
+    for plan_id, kind in zip((f"rdv-{i:03d}" for i in range(count)), cycle(SHIPPED_KINDS), strict=False):
+        only = GeneratorParameters(**{name: float(name == kind) for name in ("apartment", "office", "hall")})
+        rng = stream(seed, "shipped", plan_id)
+        plans.append(generate_floorplan(rng, plan_id=plan_id, robot_radius_m=robot_radius_m, parameters=only))
     return plans
 
 

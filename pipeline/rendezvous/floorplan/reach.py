@@ -72,18 +72,9 @@ def admit_in_place(
     A small window around the piece decides: if all that leaves the window is one part, nothing beyond is cut
     off. Parts that do not leave the window are pockets; they are given up if they are small.
 
-    Args:
-        reachable: (H, W) where the robot's centre can be; changed if the piece is admitted.
-        region_of_cell: (H, W) start region of each cell, 0 for none.
-        region_left: (R + 1,) reachable cells per start region; changed if the piece is admitted.
-        region_least: (R + 1,) number of them that must be left.
-        boxes, cylinders: (B, 5), (C, 5) parts of the piece that stand on the floor.
-        rectangle: (5,) around the piece; pockets within it do not count.
-        clearance: least distance from a solid to the robot's centre.
-        max_pocket: most cells in pockets.
-
-    Returns:
-        Whether the piece was admitted.
+    `reachable` (H, W), where the robot's centre can be, and `region_left` (R + 1,), the reachable cells of
+    each start region, change if the piece is admitted. Pockets within the rectangle around the piece do not
+    count.
     """
     row0, row1, col0, col1 = _window(reachable.shape, rectangle, clearance + 2.0)
     window = slice(row0, row1), slice(col0, col1)

@@ -45,17 +45,10 @@ class MatcherConfig(Config):
 
     def __post_init__(self) -> None:
         require_within(
-            self,
-            cell_m=(1e-3, 10.0),
-            coarse_factor=(1, 64),
-            fine_factor=(1, 64),
-            channels=(1, 4096),
-            coarse_features=(1, 4096),
-            fine_channels=(1, 4096),
-            fine_features=(1, 4096),
-            reach_cells=(0, 4096),
-            heading_step_rad=(math.radians(0.1), math.radians(60.0)),
-        )
+            self, cell_m=(1e-3, 10.0), coarse_factor=(1, 64), fine_factor=(1, 64), channels=(1, 4096),
+            coarse_features=(1, 4096), fine_channels=(1, 4096), fine_features=(1, 4096),
+            reach_cells=(0, 4096), heading_step_rad=(math.radians(0.1), math.radians(60.0)),
+        )  # fmt: skip
         if not all(1 <= dilation <= 256 for dilation in self.dilations):
             raise ConfigError(
                 f"MatcherConfig: dilations is {list(self.dilations)}; each must be from 1 to 256"

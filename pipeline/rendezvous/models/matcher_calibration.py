@@ -47,14 +47,9 @@ class MatcherCalibration(Config):
 
     def __post_init__(self) -> None:
         require_within(
-            self,
-            sharpness=(0.01, 100.0),
-            scale=(0.001, 1000.0),
-            floor_m=(0.0, 10.0),
-            floor_rad=(0.0, 3.2),
-            degrees_of_freedom=(2.01, 1e6),
-            least_mass=(0.0, 1.0),
-        )
+            self, sharpness=(0.01, 100.0), scale=(0.001, 1000.0), floor_m=(0.0, 10.0), floor_rad=(0.0, 3.2),
+            degrees_of_freedom=(2.01, 1e6), least_mass=(0.0, 1.0),
+        )  # fmt: skip
 
     def covariance(self, covariance: Array) -> Array:
         """(..., 3, 3) calibrated covariance for the posterior's own."""

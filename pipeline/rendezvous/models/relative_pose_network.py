@@ -44,15 +44,9 @@ class RelativePoseConfig(Config):
         if self.features not in ("vgg19", "small"):
             raise ConfigError(f"RelativePoseConfig: features is {self.features!r}; must be vgg19 or small")
         require_within(
-            self,
-            width=(16, 512),
-            blocks=(0, 64),
-            feature_channels=(8, 1024),
-            stages=(1, 16),
-            stage_channels=(8, 1024),
-            stage_layers=(1, 16),
-            stage_kernel=(1, 31),
-        )
+            self, width=(16, 512), blocks=(0, 64), feature_channels=(8, 1024), stages=(1, 16),
+            stage_channels=(8, 1024), stage_layers=(1, 16), stage_kernel=(1, 31),
+        )  # fmt: skip
         if self.width % _GROUP or not self.stage_kernel % 2:
             raise ConfigError(
                 f"RelativePoseConfig: width {self.width}, stage_kernel {self.stage_kernel}; the width must "

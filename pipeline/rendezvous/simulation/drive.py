@@ -154,14 +154,8 @@ class Physics:
     furnished plan. So its scene holds only the solids within a robot's reach, in slots that are refilled as
     the robots move on; the motion is the same.
 
-    Args:
-        solids: walls and furniture.
-        robots: the specs, r0, r1, ...
-        starts: their start poses in w.
-        drive: how they move.
-        planar_slip: relative slip per tick under `planar` drive, see `OdometryNoise`.
-        rng: draws that slip.
-        all_solids: keep all solids in the scene all the time.
+    Starts are poses in w. `planar_slip` is relative, per tick, see `OdometryNoise`; `all_solids` keeps all
+    solids in the scene all the time.
     """
 
     def __init__(

@@ -15,16 +15,7 @@ from rendezvous.geometry.cuboid import Vec3
 from rendezvous.geometry.se2 import Array
 
 CONTROL_HZ = 20.0  # rate of the wheel controller and of the encoders
-_POSITIVE = (
-    "radius_m",
-    "mass_kg",
-    "width_m",
-    "track_m",
-    "size_m",
-    "rate_hz",
-    "max_speed_mps",
-    "max_turn_rate_radps",
-)
+_POSITIVE = ("radius_m", "mass_kg", "width_m", "track_m", "size_m", "rate_hz", "speed_mps", "rate_radps")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -136,12 +136,8 @@ class OccupancyMapper:
     ) -> None:
         """Add one scan.
 
-        Args:
-            points_m: (B, 2) ends of the beams in the robot frame.
-            origins_m: (B, 2) their beginnings.
-            hits: (B,) which end on a surface.
-            clears: (B,) which end in open space.
-            pose: (3,) of the robot in the map.
+        Beams run from their origins to points (B, 2) in the robot frame, which `hits` say end on a surface
+        and `clears` in open space.
         """
         p = self.parameters
         self._scans += 1

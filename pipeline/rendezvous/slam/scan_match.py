@@ -99,12 +99,8 @@ def match_scan(
 ) -> tuple[Array, int]:
     """Register a scan: Gauss-Newton on Cauchy-weighted point-to-line distances plus the prior.
 
-    Args:
-        seen: the surfaces of earlier scans.
-        points_m, normals, sigma_m: as for `SurfaceMap.insert`.
-        prior: (3,) pose that odometry predicts.
-        travelled: (3,) motion since the last scan in the robot frame; it sets the prior's sigma.
-        parameters: settings.
+    The prior (3,) is the pose that odometry predicts; `travelled` (3,), the motion since the last scan in the
+    robot frame, sets its sigma. Points are as for `SurfaceMap.insert`.
 
     Returns:
         (3,) pose and the number of points matched.

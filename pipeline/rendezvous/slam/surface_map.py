@@ -52,11 +52,8 @@ class SurfaceMap:
     def insert(self, points_m: Array, normals: Array, sigma_m: Array, pose: Array) -> None:
         """Average a scan into the map.
 
-        Args:
-            points_m: (B, 2) in the robot frame.
-            normals: (B, 2) towards the sensor; zero for points that are left out.
-            sigma_m: (B,) standard deviation of each point.
-            pose: (3,) of the robot in the map.
+        Points (B, 2) are in the robot frame, normals towards the sensor; those with a normal of zero are left
+        out.
         """
         surface = self.surface
         if self._count + len(points_m) > len(surface.elements):
