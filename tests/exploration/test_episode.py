@@ -207,7 +207,7 @@ def test_measurements_alone_decide_what_a_robot_maps_and_how_it_drives(
                 assert alone.twist() == values
                 driven += 1
         assert driven > 200
-        np.testing.assert_array_equal(alone.slam.grid().cells, original.slam.grid().cells)
+        np.testing.assert_array_equal(alone.slam.mapper.grid().cells, original.slam.mapper.grid().cells)
         np.testing.assert_array_equal(alone.slam.pose(), original.slam.pose())
 
 

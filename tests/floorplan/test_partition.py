@@ -11,7 +11,7 @@ SHELL = box(0.0, 0.0, 12.0, 9.0)
 
 def rooms_of(seed: int, slant: float) -> list[shapely.Polygon]:
     rng = np.random.default_rng(seed)
-    return subdivided(SHELL, rng, room_area_m2=14.0, min_side_m=2.0, slant=slant)
+    return subdivided([SHELL], rng, room_area_m2=14.0, min_side_m=2.0, slant=slant)
 
 
 @pytest.mark.parametrize("slant", [0.0, 0.5])

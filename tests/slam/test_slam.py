@@ -252,7 +252,7 @@ def test_a_short_sighted_lidar_clears_no_farther_than_it_sees() -> None:
     slam = slam_with(no_echo_m=replace(LIDAR, range_max_m=1.5).clears_m())
     for _ in range(4):
         slam.update(Sweep(ranges_m=np.full(360, np.inf), odometry=np.zeros((5, 3))))
-    known = slam.grid().cell_centres(slam.grid().known())
+    known = slam.mapper.grid().cell_centres(slam.mapper.grid().known())
     assert 1.2 < np.hypot(known[:, 0] - LIDAR.x_m, known[:, 1]).max() < 1.5
 
 

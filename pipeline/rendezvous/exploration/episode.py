@@ -105,9 +105,9 @@ class _Robot:
     def snapshot(self) -> Snapshot:
         """The robot as it is now."""
         return Snapshot(
-            grid=self.explorer.slam.grid(),
+            grid=self.explorer.slam.mapper.grid(),
             T_m_r=SE2.from_array(self.explorer.slam.pose()),
-            T_m_r_odometry=SE2.from_array(self.explorer.odometry_pose()),
+            T_m_r_odometry=SE2.from_array(self.explorer.odometry.pose()),
             T_w_r=SE2.from_array(self.knots_w[-1]),
             trajectory=np.array(self.trajectory),
             trajectory_w=np.array(self.trajectory_w),

@@ -81,7 +81,7 @@ class Explorer:
             no_echo_m=lidar.clears_m(),
             parameters=slam,
         )
-        self._odometry = WheelOdometry(wheel_radius_m=spec.wheels.radius_m, track_m=spec.wheels.track_m)
+        self.odometry = WheelOdometry(wheel_radius_m=spec.wheels.radius_m, track_m=spec.wheels.track_m)
         self._knots: list[Array] = []
         self._time_s = 0.0
         self._path_m = np.zeros((0, 2))
@@ -97,8 +97,8 @@ class Explorer:
     def read_encoders(self, time_s: float, wheels_rad: tuple[float, float]) -> None:
         """Take a reading of the left and right wheel angle [rad]."""
         self._time_s = time_s
-        self._odometry.update(wheels_rad)
-        self._knots.append(self._odometry.pose())
+        self.odometry.update(wheels_rad)
+        self._knots.append(self.odometry.pose())
 
     def read_lidar(self, ranges_m: Array) -> None:
         """Take the sweep that ended with the last encoder reading: (B,) [m]."""
@@ -113,10 +113,6 @@ class Explorer:
         slip = rolled - moved
         is_slip = math.hypot(slip[0], slip[1]) > self._p.slip_m or abs(slip[2]) > self._p.slip_rad
         self._slipping = self._slipping + 1 if is_slip else 0
-
-    def odometry_pose(self) -> Array:
-        """(3,) dead-reckoned pose, its origin at the start."""
-        return self._odometry.pose()
 
     def pose(self) -> Array:
         """(3,) pose in the map: SLAM's last one carried on by odometry."""

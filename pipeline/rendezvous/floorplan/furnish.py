@@ -157,7 +157,8 @@ def _furnished(
         area_m2 = 4.0 * piece.half_x_m * piece.half_y_m
         if area_m2 > 1.5 * budget_m2:
             continue
-        pose = room.site.place_in_place(piece, _poses(piece, room, rng))
+        poses = _wall_poses(piece, room.spots, rng) if piece.at_wall else _free_poses(room, rng)
+        pose = room.site.place_in_place(piece, poses)
         failures = 0 if pose is not None else failures + 1
         if failures == FAILURES:
             break
@@ -174,11 +175,6 @@ def _queue(recipe: Recipe, rng: np.random.Generator, *, rounds: int) -> Iterator
     for _ in range(rounds):
         for i in rng.permutation(len(recipe.then)):
             yield recipe.then[i]
-
-
-def _poses(piece: Piece, room: _FloorSpace, rng: np.random.Generator) -> Array:
-    """(T, 3) x [m], y [m], yaw [rad] to try."""
-    return _wall_poses(piece, room.spots, rng) if piece.at_wall else _free_poses(room, rng)
 
 
 def _wall_poses(piece: Piece, spots: Array, rng: np.random.Generator) -> Array:

@@ -32,11 +32,11 @@ def apartment(rng: np.random.Generator, *, slanted: bool) -> Storey:
     if width_m * depth_m > 80.0 and rng.random() < 0.5:
         hall = _band(shell, rng, width_m=rng.uniform(1.15, 1.7), full_length=False)
         pieces = _polygons(shell.difference(hall))
-        rooms = _subdivided_all(pieces, rng, room_area_m2=room_area_m2, min_side_m=1.9, slant=slant)
+        rooms = subdivided(pieces, rng, room_area_m2=room_area_m2, min_side_m=1.9, slant=slant)
         cells = [hall, *merged(rooms, rng, share=0.12, max_area_m2=30.0)]
         categories = ["Hall", *_home_categories(cells[1:], rng)]
         return Storey(cells=cells, categories=categories, hub=0, posts=[])
-    rooms = subdivided(shell, rng, room_area_m2=room_area_m2, min_side_m=1.9, slant=slant)
+    rooms = subdivided([shell], rng, room_area_m2=room_area_m2, min_side_m=1.9, slant=slant)
     cells = merged(rooms, rng, share=0.15, max_area_m2=34.0)
     categories = _home_categories(cells, rng)
     return Storey(cells=cells, categories=categories, hub=_best_hub(cells), posts=[])
@@ -57,9 +57,8 @@ def office(rng: np.random.Generator, *, slanted: bool) -> Storey:
             ends = _polygons(branch.difference(corridor))
             corridor = _largest(corridor.union(ends[int(rng.integers(len(ends)))]))
     pieces = _polygons(shell.difference(corridor))
-    rooms = _subdivided_all(
-        pieces, rng, room_area_m2=rng.uniform(11.0, 22.0), min_side_m=2.2, slant=0.25 if slanted else 0.0
-    )
+    slant = 0.25 if slanted else 0.0
+    rooms = subdivided(pieces, rng, room_area_m2=rng.uniform(11.0, 22.0), min_side_m=2.2, slant=slant)
     cells = [corridor, *merged(rooms, rng, share=0.1, max_area_m2=45.0)]
     posts = [post for cell in cells[1:] if cell.area > 32.0 for post in _pillars(cell, rng)]
     return Storey(
@@ -74,8 +73,8 @@ def hall(rng: np.random.Generator, *, slanted: bool) -> Storey:
     shell = footprint(rng, width_m=width_m, depth_m=depth_m, slanted=slanted and rng.random() < 0.7)
     open_space, sides = _sides(shell, rng)
     slant = 0.2 if slanted else 0.0
-    rooms = _subdivided_all(sides, rng, room_area_m2=rng.uniform(9.0, 18.0), min_side_m=2.2, slant=slant)
-    halls = subdivided(open_space, rng, room_area_m2=rng.uniform(60.0, 110.0), min_side_m=4.5, slant=slant)
+    rooms = subdivided(sides, rng, room_area_m2=rng.uniform(9.0, 18.0), min_side_m=2.2, slant=slant)
+    halls = subdivided([open_space], rng, room_area_m2=rng.uniform(60.0, 110.0), min_side_m=4.5, slant=slant)
     posts: list[Polygon] = []
     for cell in halls:
         pillars = _pillars(cell, rng)
@@ -189,16 +188,6 @@ def _screens(cell: Polygon, rng: np.random.Generator, pillars: list[Polygon]) ->
         if inner.contains(placed) and all(placed.distance(post) > 0.9 for post in (*pillars, *screens)):
             screens.append(placed)
     return screens
-
-
-def _subdivided_all(
-    pieces: list[Polygon], rng: np.random.Generator, *, room_area_m2: float, min_side_m: float, slant: float
-) -> list[Polygon]:
-    return [
-        room
-        for piece in pieces
-        for room in subdivided(piece, rng, room_area_m2=room_area_m2, min_side_m=min_side_m, slant=slant)
-    ]
 
 
 def _best_hub(cells: list[Polygon]) -> int:

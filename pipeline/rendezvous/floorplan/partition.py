@@ -26,26 +26,35 @@ def footprint(rng: np.random.Generator, *, width_m: float, depth_m: float, slant
 
 
 def subdivided(
-    cell: Polygon, rng: np.random.Generator, *, room_area_m2: float, min_side_m: float, slant: float
+    cells: list[Polygon], rng: np.random.Generator, *, room_area_m2: float, min_side_m: float, slant: float
 ) -> list[Polygon]:
-    """Rooms of about this area that tile a cell, by recursive cuts across its longer side.
+    """Rooms of about this area that tile the cells, by recursive cuts across their longer sides.
 
     No room is narrower than `min_side_m`; `slant` is the probability that a cut is tilted.
     """
+    rooms: list[Polygon] = []
+    for cell in cells:
+        parts = _parted(cell, rng, room_area_m2, min_side_m, slant)
+        rooms += (
+            subdivided(parts, rng, room_area_m2=room_area_m2, min_side_m=min_side_m, slant=slant)
+            if parts
+            else [cell]
+        )
+    return rooms
+
+
+def _parted(
+    cell: Polygon, rng: np.random.Generator, room_area_m2: float, min_side_m: float, slant: float
+) -> list[Polygon]:
+    """The two parts of a cell; none if it is left whole."""
     # Uniform in [0.7, 1.5] of the wanted area, so that sizes differ within one storey.
     if cell.area < room_area_m2 * rng.uniform(0.7, 1.5) and is_compact(cell):
-        return [cell]
+        return []
     for _ in range(6):
         parts = _cut(cell, rng, tilted=rng.random() < slant)
         if len(parts) == 2 and all(_is_roomy(part, min_side_m) for part in parts):
-            return [
-                room
-                for part in parts
-                for room in subdivided(
-                    part, rng, room_area_m2=room_area_m2, min_side_m=min_side_m, slant=slant
-                )
-            ]
-    return [cell]
+            return parts
+    return []
 
 
 def shared_walls(cells: list[Polygon]) -> dict[tuple[int, int], Array]:

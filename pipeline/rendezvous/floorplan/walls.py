@@ -167,18 +167,16 @@ def floorplan_scene(floorplan: Floorplan, solids: Sequence[Solid], *, height_m: 
     Walls are closed volumes from the floor to `height_m`. A piece of furniture is the union of closed
     volumes, one per solid, in one mesh.
     """
-    scene = trimesh.Scene()
     wall = wall_polygon(floorplan, thickness_m=WALL_THICKNESS_M)
     ground = storey_polygon(floorplan, thickness_m=WALL_THICKNESS_M)
-    floor_mesh = _extruded(ground, FLOOR_THICKNESS_M)
-    floor_mesh.apply_translation([0.0, 0.0, -FLOOR_THICKNESS_M])
-    _add(scene, "floor", floor_mesh)
-    _add(scene, "walls", _extruded(wall, height_m))
+    floor = _extruded(ground, FLOOR_THICKNESS_M).apply_translation([0.0, 0.0, -FLOOR_THICKNESS_M])
+    meshes = {"floor": floor, "walls": _extruded(wall, height_m)}
     for item in sorted({solid.item for solid in solids}):
         parts = [solid for solid in solids if solid.item == item]
-        _add(
-            scene, f"{item:03d}-{parts[0].category}", trimesh.util.concatenate(list(map(_solid_mesh, parts)))
-        )
+        meshes[f"{item:03d}-{parts[0].category}"] = trimesh.util.concatenate(list(map(_solid_mesh, parts)))
+    scene = trimesh.Scene()
+    for name, mesh in meshes.items():
+        scene.add_geometry(mesh, node_name=name, geom_name=name)
     return scene
 
 
@@ -188,10 +186,6 @@ def glb(scene: trimesh.Scene) -> bytes:
     turned.apply_transform(T_GLTF_W)
     data: bytes = turned.export(file_type="glb")
     return data
-
-
-def _add(scene: trimesh.Scene, name: str, mesh: trimesh.Trimesh) -> None:
-    scene.add_geometry(mesh, node_name=name, geom_name=name)
 
 
 def _extruded(polygon: shapely.Polygon | shapely.MultiPolygon, height_m: float) -> trimesh.Trimesh:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rendezvous.alignment.estimate import WRONG_M, WRONG_RAD, Estimate
+from rendezvous.alignment.estimate import WRONG_M, WRONG_RAD
 from rendezvous.fusion.fusion_input import FusionInput, SightedPose
 from rendezvous.fusion.refinement import FrameErrorPrior, RefinedAlignment
 from rendezvous.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
@@ -187,7 +187,8 @@ def refinement_doubts(
             f"the best fit of the maps lies at the edge of the search (±{search.xy_m:.2f} m, "
             f"±{math.degrees(search.yaw_rad):.0f}°), so a better one may lie beyond"
         )
-    if prior is not None and _contradicts(estimate, prior):
+    spread = np.zeros((3, 3)) if estimate.covariance is None else estimate.covariance
+    if prior is not None and prior.surprise(estimate.theta, spread) > SURPRISING:
         away_m = math.hypot(estimate.theta.x_m, estimate.theta.y_m)
         away_deg = abs(math.degrees(estimate.theta.yaw_rad))
         doubts.append(
@@ -200,12 +201,6 @@ def refinement_doubts(
             f"{after:.0%} of the shared walls coincide after the refinement, {before:.0%} did before it"
         )
     return doubts
-
-
-def _contradicts(estimate: Estimate, prior: FrameErrorPrior) -> bool:
-    assert estimate.theta is not None
-    spread = np.zeros((3, 3)) if estimate.covariance is None else estimate.covariance
-    return prior.surprise(estimate.theta, spread) > SURPRISING
 
 
 def alignment_doubts(covariance: Array | None, agreement: MapAgreement) -> list[str]:

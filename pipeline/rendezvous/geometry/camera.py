@@ -95,9 +95,7 @@ def camera_pose(xyz_m: Array, rpy_rad: Array) -> Array:
 def se3_from_se2(pose: SE2) -> Array:
     """(4, 4) pose on the floor of an SE(2) pose."""
     T = np.eye(4)
-    m = pose.matrix()
-    T[:2, :2] = m[:2, :2]
-    T[:2, 3] = m[:2, 2]
+    T[:2, [0, 1, 3]] = pose.matrix()[:2]
     return T
 
 

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from rendezvous.compiled import njit
 from rendezvous.errors import ConfigError, require_within
-from rendezvous.geometry.occupancy_grid import OccupancyGrid
 from rendezvous.geometry.se2 import Array
 from rendezvous.slam.mapping import MappingParameters, OccupancyMapper
 from rendezvous.slam.scan_match import MatchParameters, match_scan, scan_normals
@@ -169,10 +168,6 @@ class Slam:
         """(3,) x, y [m] and yaw [rad], unrolled, of the robot in its map at the end of the last sweep."""
         assert self._pose is not None
         return self._pose.copy()
-
-    def grid(self) -> OccupancyGrid:
-        """The map so far."""
-        return self.mapper.grid()
 
 
 def compose(a: Array, b: Array) -> Array:
