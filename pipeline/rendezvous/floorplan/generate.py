@@ -11,7 +11,7 @@ from shapely import LineString, Polygon
 
 from rendezvous.errors import FloorplanError
 from rendezvous.floorplan.layouts import Storey, apartment, hall, office, tapered
-from rendezvous.floorplan.partition import is_compact, shared_walls
+from rendezvous.floorplan.partition import Walls, is_compact, shared_walls
 from rendezvous.floorplan.records import Floorplan, Room
 from rendezvous.floorplan.validate import FloorplanLimits, validated
 from rendezvous.geometry.se2 import Array
@@ -126,9 +126,8 @@ def _built(
         raise FloorplanError(f"{plan_id}: a room falls apart between walls of {wall_m:.2f} m")
     walls = shared_walls(layout.cells)
     solids = [*layout.posts, *_thick_walls(list(walls.values()), rng, wall_m, most_m)]
-    openings = []
-    for i, j in _connected(layout, walls, rng, parameters):
-        openings.append(_opening(walls[i, j], rng, layout, (i, j), parameters, most_m))
+    doors = _connected(layout, walls, rng, parameters)
+    openings = [_opening(walls[door], rng, layout, door, parameters) for door in doors]
     doorways = shapely.union_all([opening.buffer(0.45, quad_segs=2) for opening in openings])
     solids += [s for s in _niches(rooms, rng, parameters.niche_share) if not s.intersects(doorways)]
     free = shapely.union_all(rooms).difference(shapely.union_all(solids))
@@ -156,10 +155,7 @@ def _box(room: Polygon, corner_m: Array) -> tuple[float, float, float, float]:
 
 
 def _connected(
-    layout: Storey,
-    walls: dict[tuple[int, int], Array],
-    rng: np.random.Generator,
-    parameters: GeneratorParameters,
+    layout: Storey, walls: Walls, rng: np.random.Generator, parameters: GeneratorParameters
 ) -> list[tuple[int, int]]:
     """Pairs of rooms with a door: a tree grown from the hub, then some more that close loops.
 
@@ -187,7 +183,6 @@ def _opening(
     layout: Storey,
     pair: tuple[int, int],
     parameters: GeneratorParameters,
-    depth_m: float,
 ) -> Polygon:
     """A door through a wall; between halls and living rooms sometimes an archway."""
     length_m = float(np.linalg.norm(wall_m[1] - wall_m[0]))
@@ -204,7 +199,8 @@ def _opening(
     along = (wall_m[1] - wall_m[0]) / length_m
     start = wall_m[0] + along * (margin_m + shift_m)
     # Deep enough to pierce the thickest wall.
-    return LineString([start, start + along * width_m]).buffer(0.5 * depth_m + 0.01, cap_style="flat")
+    half_m = 0.5 * parameters.wall_thickness_m[1] + 0.01
+    return LineString([start, start + along * width_m]).buffer(half_m, cap_style="flat")
 
 
 def _thick_walls(

@@ -12,6 +12,8 @@ from shapely import LineString, Polygon, box
 
 from rendezvous.geometry.se2 import Array
 
+Walls = dict[tuple[int, int], Array]  # (2, 2) end points [m] by pair of cells
+
 COLLINEAR_M = 1e-6  # two edges closer than this lie on one wall
 
 
@@ -57,7 +59,7 @@ def _parted(
     return []
 
 
-def shared_walls(cells: list[Polygon]) -> dict[tuple[int, int], Array]:
+def shared_walls(cells: list[Polygon]) -> Walls:
     """Per pair of neighbouring cells i < j the longest straight wall between them, (2, 2) end points [m]."""
     edges = [_edges(cell) for cell in cells]
     boxes_m = shapely.bounds(cells)

@@ -39,6 +39,8 @@ class MatchParameters:
         )  # fmt: skip
 
 
+Matches = NDArray[np.int32]
+
 # Points are matched with surfaces in the first steps only; by then the scan has nearly settled.
 _ASSOCIATIONS = 3
 
@@ -144,7 +146,7 @@ def _match(
 
 @njit
 def _associate(
-    points_m: Array, normals: Array, pose: Array, surface: Surface, gate_m: float, matched: NDArray[np.int32]
+    points_m: Array, normals: Array, pose: Array, surface: Surface, gate_m: float, matched: Matches
 ) -> None:
     """Write each point's element into `matched`, -1 for none."""
     c, s = math.cos(pose[2]), math.sin(pose[2])
@@ -176,13 +178,7 @@ def _prior_terms(pose: Array, prior: Array, info_xy: float, info_yaw: float, H: 
 
 @njit
 def _add_point_terms(
-    points_m: Array,
-    sigma_m: Array,
-    matched: NDArray[np.int32],
-    elements: Array,
-    pose: Array,
-    H: Array,
-    g: Array,
+    points_m: Array, sigma_m: Array, matched: Matches, elements: Array, pose: Array, H: Array, g: Array
 ) -> None:
     """Add the matched points' distances from their lines to the normal equations."""
     c, s = math.cos(pose[2]), math.sin(pose[2])

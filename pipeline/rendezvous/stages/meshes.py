@@ -14,7 +14,8 @@ from rendezvous.exploration.starts import draw_starts
 from rendezvous.floorplan.furnish import furnish
 from rendezvous.floorplan.records import Floorplan
 from rendezvous.floorplan.validate import start_regions
-from rendezvous.floorplan.walls import floorplan_scene, glb, lidar_outline, wall_boxes
+from rendezvous.floorplan.scene import floorplan_scene, glb
+from rendezvous.floorplan.walls import lidar_outline, wall_boxes
 from rendezvous.plan_schema import MESHES, PLAN_COLUMNS, plan_of, plan_row, solid_rows
 from rendezvous.robot_file import load_robot
 from rendezvous.seeds import stream
