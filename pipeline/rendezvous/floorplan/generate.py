@@ -99,7 +99,9 @@ def shipped_floorplans(count: int, *, robot_radius_m: float, seed: int = 0) -> l
     """The plans of the folder `floorplans/`: `rdv-000`, `rdv-001`, ..., kinds by turns."""
     plans = []
     for plan_id, kind in zip((f"rdv-{i:03d}" for i in range(count)), cycle(SHIPPED_KINDS), strict=False):
-        only = GeneratorParameters(**{name: float(name == kind) for name in ("apartment", "office", "hall")})
+        only = GeneratorParameters(
+            apartment=float(kind == "apartment"), office=float(kind == "office"), hall=float(kind == "hall")
+        )
         rng = stream(seed, "shipped", plan_id)
         plans.append(generate_floorplan(rng, plan_id=plan_id, robot_radius_m=robot_radius_m, parameters=only))
     return plans
