@@ -13,8 +13,8 @@ from rendezvous.errors import FloorplanError
 from rendezvous.exploration.starts import draw_starts
 from rendezvous.floorplan.furnish import furnish
 from rendezvous.floorplan.records import Floorplan
-from rendezvous.floorplan.validate import start_regions
 from rendezvous.floorplan.scene import floorplan_scene, glb
+from rendezvous.floorplan.validate import start_regions
 from rendezvous.floorplan.walls import lidar_outline, wall_boxes
 from rendezvous.plan_schema import MESHES, PLAN_COLUMNS, plan_of, plan_row, solid_rows
 from rendezvous.robot_file import load_robot
