@@ -4,8 +4,7 @@ import io
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 
-from rendezvous.commands.evaluate.measuring import Measurement, measured
-from rendezvous.store.disk import Disk
+from rendezvous.commands.evaluate.measuring import EvaluationSettings, Measurement, measured
 from rich.console import Console
 
 
@@ -22,20 +21,19 @@ def _squares(numbers: Sequence[int]) -> list[Square]:
 
 
 def _measured(folder, count: int, *, workers: int = 1, key: str = "a") -> tuple[list[int], str]:
-    """The outcomes, and what was told."""
+    """The outcomes, and what was told; without a key, what they depend on is not known."""
     told = io.StringIO()
     measurement = Measurement(
         command="square",
+        cache="cache",
         name="toy",
         items_name="numbers",
         measure=_squares,
         from_json=lambda fields: Square(**fields),
-        key={"count": count, "key": key},
+        key={"count": count, "key": key} if key else {},
     )
-    rows = measured(
-        measurement, range(count), cache=Disk(str(folder)), workers=workers, console=Console(file=told)
-    )
-    return [row.value for row in rows], told.getvalue()
+    settings = EvaluationSettings(folder=folder, workers=workers, console=Console(file=told))
+    return [row.value for row in measured(measurement, range(count), settings)], told.getvalue()
 
 
 def test_outcomes_stand_in_the_order_of_their_items_whoever_made_them(tmp_path):
@@ -54,26 +52,16 @@ def test_the_same_is_kept_and_anything_else_made_anew(tmp_path):
 
 
 def test_what_depends_on_more_than_is_known_is_never_kept(tmp_path):
-    told = io.StringIO()
-    measurement = Measurement(
-        command="square",
-        name="toy",
-        items_name="numbers",
-        measure=_squares,
-        from_json=lambda fields: Square(**fields),
-        key={},
-    )
-    cache = Disk(str(tmp_path / "cache"))
     for _ in range(2):
-        rows = measured(measurement, range(3), cache=cache, workers=1, console=Console(file=told))
-        assert [row.value for row in rows] == [0, 1, 4]
-    assert "before" not in told.getvalue()
+        rows, told = _measured(tmp_path, 3, key="")
+        assert rows == [0, 1, 4]
+        assert "before" not in told
     assert not (tmp_path / "cache").exists()
 
 
 def test_a_damaged_cache_is_made_anew(tmp_path):
     _measured(tmp_path, 20)
-    (kept,) = tmp_path.iterdir()
+    (kept,) = (tmp_path / "cache").iterdir()
     kept.write_text('{"rows": [{"wrong": 1}]}')
     found, told = _measured(tmp_path, 20)
     assert "before" not in told

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -11,32 +11,23 @@ from rich.console import Console
 
 from rendezvous.commands.evaluate.frame_error import Evaluation, evaluate
 from rendezvous.commands.evaluate.fusion import FusionEvaluation, evaluate_fusion
+from rendezvous.commands.evaluate.measuring import EvaluationSettings
 from rendezvous.commands.evaluate.relative_pose import PoseEvaluation, evaluate_pose
 from rendezvous.errors import ConfigError, PipelineError
 from rendezvous.stages.weights.pose_source import PoseSource
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class EveryEvaluation:
+class EveryEvaluation(EvaluationSettings):
     """All evaluations of one dataset.
 
     Attributes:
-        dataset: folder that `pack` wrote.
-        split: of it.
         count: at most this many pairs, and as many images; None for all pairs and 1,000 images.
-        folder: of the report.
-        workers: number of processes.
         source: makes the estimator of the relative pose, instead of weights.
-        console: for progress and messages.
     """
 
-    dataset: str = "data/dataset"
-    split: str = "test"
     count: int | None = None
-    folder: Path = Path("report")
-    workers: int = 1
     source: PoseSource | None = None
-    console: Console = field(default_factory=lambda: Console(stderr=True))
 
 
 def evaluate_all(settings: EveryEvaluation) -> Path:
@@ -48,13 +39,7 @@ def evaluate_all(settings: EveryEvaluation) -> Path:
     Raises:
         ConfigError: none of them can run.
     """
-    common: dict[str, Any] = {
-        "dataset": settings.dataset,
-        "split": settings.split,
-        "folder": settings.folder,
-        "workers": settings.workers,
-        "console": settings.console,
-    }
+    common: dict[str, Any] = {f.name: getattr(settings, f.name) for f in fields(EvaluationSettings)}
     posed = {**common, "source": settings.source}
     evaluations: dict[str, Callable[[], Path]] = {
         "relative pose": lambda: evaluate_pose(PoseEvaluation(count=settings.count or 1000, **posed)),

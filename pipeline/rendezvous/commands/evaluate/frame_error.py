@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
-from rich.console import Console
 
+from rendezvous.alignment.estimate import FrameErrorEstimator
 from rendezvous.alignment.window import PAPER_XY_M, PAPER_YAW_RAD, SearchRange
 from rendezvous.commands.evaluate.measured_pairs import Trial, measured, perturbation_json
+from rendezvous.commands.evaluate.measuring import EvaluationSettings
 from rendezvous.commands.evaluate.recorded import RecordFolder
 from rendezvous.commands.evaluate.report_folder import PAGE, keep_evaluation, kept_metrics
 from rendezvous.errors import ConfigError, StoreError
@@ -40,13 +41,7 @@ from rendezvous.stages.weights.provenance import commit, hardware, versions
 from rendezvous.store.disk import Disk
 from rendezvous.store.read import StageReader
 from rendezvous.store.records import digest_of
-from rendezvous.training.frame_error.pairs import (
-    SPLIT_NAMES,
-    PairTable,
-    PerturbationRange,
-    perturbed_pair,
-    read_pairs,
-)
+from rendezvous.training.frame_error.pairs import PairTable, PerturbationRange, perturbed_pair, read_pairs
 
 if TYPE_CHECKING:
     from rendezvous.stages.weights.trained_estimators import Trained
@@ -67,40 +62,28 @@ _PACKAGES = (
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Evaluation:
+class Evaluation(EvaluationSettings):
     """An evaluation of frame-error estimators.
 
     Attributes:
-        dataset: folder that `pack` wrote.
-        split: of it.
         count: at most this many pairs, drawn at random; None for all.
         methods: names of shipped and installed methods, or `package.module:Class`; none for all that need no
             weights or whose weights are found.
         own: further methods by name, which always run.
         weights: files of some networks' weights.
         xy_range_m, yaw_range_deg: half widths of the frame errors' uniform distribution.
-        seed: of the frame errors, window headings and draw of pairs.
-        folder: of the report.
-        workers: processes.
         records: folder of recorded rows.
         record: whether to record this run's rows there.
-        console: for progress and messages.
     """
 
-    dataset: str = "data/dataset"
-    split: str = "test"
     count: int | None = None
     methods: tuple[str, ...] = ()
     own: Mapping[str, Method] = field(default_factory=dict)
     weights: Mapping[str, Path] = field(default_factory=dict)
     xy_range_m: float = PAPER_XY_M
     yaw_range_deg: float = math.degrees(PAPER_YAW_RAD)
-    seed: int = 0
-    folder: Path = Path("report")
-    workers: int = 1
     records: Path = RECORDS
     record: bool = False
-    console: Console = field(default_factory=lambda: Console(stderr=True))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -111,6 +94,11 @@ class _Contender:
     network: Trained | None = None
     training: Training | None = None
     plans_trained_on: int | None = None
+
+    @property
+    def estimator(self) -> FrameErrorEstimator | None:
+        """The loaded network."""
+        return None if self.network is None else self.network.estimator
 
 
 def evaluate(settings: Evaluation) -> Path:
@@ -138,8 +126,7 @@ def measure_and_report(settings: Evaluation) -> pd.DataFrame:
             has more pairs.
         SetupError: a package is missing.
     """
-    if settings.split not in SPLIT_NAMES:
-        raise ConfigError(f"--split is {settings.split!r}; must be one of {', '.join(SPLIT_NAMES)}")
+    settings.require_split()
     range_ = _range(settings)
     search = SearchRange.covering(xy_m=range_.xy_m, yaw_rad=range_.yaw_rad)
     methods = select_methods(settings.methods, settings.weights, search=search, own=settings.own)
@@ -152,7 +139,10 @@ def measure_and_report(settings: Evaluation) -> pd.DataFrame:
     recorded = RecordFolder.read(settings.records, MeasuredRow, command="evaluate")
     if settings.record:
         recorded.require_no_loss(contenders, conditions)
-    found = {name: _measured(contender, trial, settings) for name, contender in contenders.items()}
+    found = {
+        name: measured(contender.selected, contender.estimator, trial, settings)
+        for name, contender in contenders.items()
+    }
     content = _content(trial, conditions, contenders, found, recorded, settings)
     if settings.record:
         recorded.keep((content.rows[name] for name in found), settings.console)
@@ -201,25 +191,8 @@ def _contender(selected: SelectedMethod, trial: Trial, settings: Evaluation) -> 
     training = training_of(selected, network.record)
     plans = dict(zip(trial.column("plan_id"), trial.column("plan_digest"), strict=True))
     known = plans_trained_on(network.record, plans)
-    if known:
-        settings.console.print(
-            f"evaluate {selected.name}: warning: trained on {known} of these {len(plans)} floor plans; its "
-            "errors on plans that it never saw may be larger than these",
-            highlight=False,
-            soft_wrap=True,
-        )
+    settings.warn_of_known_plans(selected.name, known, len(plans))
     return _Contender(selected=selected, network=network, training=training, plans_trained_on=known)
-
-
-def _measured(contender: _Contender, trial: Trial, settings: Evaluation) -> tuple[Outcome, ...]:
-    return measured(
-        contender.selected,
-        None if contender.network is None else contender.network.estimator,
-        trial,
-        folder=settings.folder,
-        workers=settings.workers,
-        console=settings.console,
-    )
 
 
 def _content(
@@ -275,15 +248,15 @@ def _pictures(
     drawn = outcomes[outcomes["method"] != "identity"]
     gallery: list[Shown] = []
     attention: dict[str, list[Panel]] = {}
-    for chosen in chosen_pairs(outcomes[outcomes["method"] == ranking(outcomes)[0]]):
-        pair, perturbation = trial[chosen.index]
+    for why, index in chosen_pairs(outcomes[outcomes["method"] == ranking(outcomes)[0]]):
+        pair, perturbation = trial[index]
         sample = perturbed_pair(pair, perturbation)
-        shown = tuple(panels(pair, sample, drawn[drawn.index == chosen.index]))
-        gallery.append(Shown(pair_id=pair.pair_id, why=chosen.why, overlap=pair.overlap, panels=shown))
+        shown = tuple(panels(pair, sample, drawn[drawn.index == index]))
+        gallery.append(Shown(pair_id=pair.pair_id, why=why, overlap=pair.overlap, panels=shown))
         for name, contender in contenders.items():
             if contender.network is not None and contender.network.attention is not None:
                 picture = attention_panel(sample.window, contender.network.attention(sample.window))
-                panel = Panel(name=chosen.why, image=picture, position_m=None, heading_rad=None)
+                panel = Panel(name=why, image=picture, position_m=None, heading_rad=None)
                 attention.setdefault(name, []).append(panel)
     return gallery, attention
 

@@ -13,7 +13,6 @@ from rendezvous.commands.evaluate.images import (
     ImageEvaluation,
     image_conditions,
     require_robot_of_images,
-    require_split,
     unseen_images,
 )
 from rendezvous.commands.evaluate.measured_fusions import (
@@ -80,7 +79,7 @@ def evaluate_fusion(settings: FusionEvaluation) -> Path:
         ConfigError: there is no such split or method, or recorded figures are of more rendezvous.
         SetupError: a package is missing.
     """
-    require_split(settings.split)
+    settings.require_split()
     cases = _cases(settings)
     # Whatever is wrong with files shows here, not after an hour of measuring.
     disk = Disk(str(settings.folder))
@@ -96,13 +95,7 @@ def evaluate_fusion(settings: FusionEvaluation) -> Path:
     names = [run_name(run) for run in runs_of(setup.methods)]
     if settings.record:
         recorded.require_no_loss(names, conditions)
-    outcomes = measured_fusions(
-        setup,
-        cases,
-        folder=settings.folder,
-        workers=settings.workers,
-        console=settings.console,
-    )
+    outcomes = measured_fusions(setup, cases, settings)
     content = _content(cases, setup, conditions, outcomes, recorded, settings)
     if settings.record:
         recorded.keep((content.rows[name] for name in names), settings.console)
@@ -160,15 +153,12 @@ def _setup(settings: FusionEvaluation) -> FusionSetup:
 
 
 def _conditions(cases: FusionCases, setup: FusionSetup, settings: FusionEvaluation) -> ImageConditions:
-    conditions = image_conditions(
-        cases.images, settings.split, settings.seed, {"relative pose": setup.source}, settings.console
-    )
+    conditions = image_conditions(cases.images, {"relative pose": setup.source}, settings)
     if setup.matcher is None:
         return conditions
     plans = {image.truth.plan_id: image.plan_digest for image in cases.images}
     conditions.weights["matcher"] = setup.matcher.weights_digest()
-    known = plans_trained_on(trained(setup.matcher, threads=1).record, plans)
-    conditions.trained_on["matcher"] = known
+    conditions.trained_on["matcher"] = plans_trained_on(trained(setup.matcher, threads=1).record, plans)
     return conditions
 
 

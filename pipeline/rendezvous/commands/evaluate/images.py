@@ -3,60 +3,38 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from rich.console import Console
 
-from rendezvous.errors import ConfigError, StoreError
+from rendezvous.commands.evaluate.measuring import EvaluationSettings
+from rendezvous.errors import StoreError
 from rendezvous.evaluation.report.recorded_figures import ImageConditions
 from rendezvous.stages.training.seen_images import SeenImage, digest_of_images
 from rendezvous.stages.weights.estimators import plans_trained_on, trained_on
 from rendezvous.stages.weights.pose_source import PoseSource, require_known_robot
 from rendezvous.stages.weights.provenance import commit, hardware
-from rendezvous.training.frame_error.pairs import SPLIT_NAMES
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ImageEvaluation:
+class ImageEvaluation(EvaluationSettings):
     """What to measure on images.
 
     Attributes:
-        dataset: folder that `pack` wrote.
-        split: its split.
         weights: of the relative pose, or None for those in `runs/`, then the shipped ones.
-        seed: of the draw of images.
-        folder: the report's.
-        workers: number of processes.
         records: folder of recorded figures.
         record: whether to record this run's figures there.
         unseen: whether to leave out floor plans that the weights were trained on.
         source: what makes the estimator of the relative pose, instead of weights.
-        console: for messages.
     """
 
-    dataset: str = "data/dataset"
-    split: str = "test"
     weights: Path | None = None
-    seed: int = 0
-    folder: Path = Path("report")
-    workers: int = 1
     records: Path
     record: bool = False
     unseen: bool = False
     source: PoseSource | None = None
-    console: Console = field(default_factory=lambda: Console(stderr=True))
-
-
-def require_split(split: str) -> None:
-    """Check that there is such a split.
-
-    Raises:
-        ConfigError: there is none.
-    """
-    if split not in SPLIT_NAMES:
-        raise ConfigError(f"--split is {split!r}; must be one of {', '.join(SPLIT_NAMES)}")
 
 
 def require_robot_of_images(images: Sequence[SeenImage], source: PoseSource, dataset: str) -> None:
@@ -103,29 +81,19 @@ def unseen_images(
 
 
 def image_conditions(
-    images: Sequence[SeenImage],
-    split: str,
-    seed: int,
-    sources: Mapping[str, PoseSource],
-    console: Console,
+    images: Sequence[SeenImage], sources: Mapping[str, PoseSource], settings: ImageEvaluation
 ) -> ImageConditions:
     """The conditions of measuring images; warns if the weights were trained on their floor plans."""
     plans = {image.truth.plan_id: image.plan_digest for image in images}
     known = {name: _known_plans(source, plans) for name, source in sources.items()}
     for name, count in known.items():
-        if count:
-            console.print(
-                f"evaluate {name}: warning: trained on {count} of these {len(plans)} floor plans; its errors "
-                "on plans that it never saw may be larger than these",
-                highlight=False,
-                soft_wrap=True,
-            )
+        settings.warn_of_known_plans(name, count, len(plans))
     return ImageConditions(
-        split=split,
+        split=settings.split,
         images=len(images),
         plans=len(plans),
         data_digest=digest_of_images(images),
-        seed=seed,
+        seed=settings.seed,
         weights={name: source.digest for name, source in sources.items()},
         trained_on=known,
         commit=commit(),

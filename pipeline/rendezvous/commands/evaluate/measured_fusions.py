@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cache, partial
-from pathlib import Path
 from typing import Any
 
-from rich.console import Console
-
-from rendezvous.commands.evaluate.measuring import Measurement, measured
+from rendezvous.commands.evaluate.measuring import EvaluationSettings, Measurement, measured
 from rendezvous.evaluation.fusion.runs import RendezvousOutcome, run_rendezvous
 from rendezvous.fusion.refinement import Refiner, matcher_refiner
 from rendezvous.geometry.se2 import Array
@@ -18,10 +15,7 @@ from rendezvous.methods import REFINEMENTS
 from rendezvous.stages.training.seen_images import SeenImage, digest_of_images
 from rendezvous.stages.weights.estimators import SelectedMethod, trained
 from rendezvous.stages.weights.pose_source import PoseSource
-from rendezvous.store.disk import Disk
 from rendezvous.training.frame_error.pairs import MapPair, PairTable
-
-CACHE = "fusion"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -71,7 +65,7 @@ class FusionSetup:
 
     source: PoseSource
     methods: tuple[str, ...] = tuple(REFINEMENTS)
-    matcher: SelectedMethod | None = field(default=None)
+    matcher: SelectedMethod | None = None
 
     def refiners(self) -> dict[str, Refiner | None]:
         """The refiner of each method that can run."""
@@ -86,32 +80,25 @@ class FusionSetup:
 
 
 def measured_fusions(
-    setup: FusionSetup,
-    cases: FusionCases,
-    *,
-    folder: Path,
-    workers: int,
-    console: Console,
+    setup: FusionSetup, cases: FusionCases, settings: EvaluationSettings
 ) -> tuple[RendezvousOutcome, ...]:
-    """The outcome of each rendezvous, from the cache if nothing it depends on has changed.
-
-    Args:
-        setup: the runs.
-        cases: at least one.
-        folder: the report's.
-        workers: processes; with a single one, this one.
-        console: for messages.
-    """
+    """The outcome of each rendezvous, from the cache if nothing it depends on has changed."""
     measurement = Measurement(
         command="evaluate-fusion",
+        cache="fusion",
         name="rendezvous",
         items_name="pairs",
         measure=partial(_measure, setup),
         from_json=RendezvousOutcome.from_json,
-        key=_key(setup, cases),
+        key={
+            "weights": setup.source.digest,
+            "matcher": setup.matcher.weights_digest() if setup.matcher else "",
+            "methods": list(setup.methods),
+            "images": digest_of_images(cases.images),
+            "maps": cases.pairs.digest(),
+        },
     )
-    cache_folder = Disk(str(folder / CACHE))
-    return measured(measurement, cases, cache=cache_folder, workers=workers, console=console)
+    return measured(measurement, cases, settings)
 
 
 def run_case(setup: FusionSetup, case: FusionCase) -> RendezvousOutcome:
@@ -127,16 +114,6 @@ def _measure(setup: FusionSetup, cases: Sequence[FusionCase]) -> list[Rendezvous
     # Once untimed: compiled code is loaded at the first call.
     run_case(setup, cases[0])
     return [run_case(setup, case) for case in cases]
-
-
-def _key(setup: FusionSetup, cases: FusionCases) -> Mapping[str, Any]:
-    return {
-        "weights": setup.source.digest,
-        "matcher": setup.matcher.weights_digest() if setup.matcher else "",
-        "methods": list(setup.methods),
-        "images": digest_of_images(cases.images),
-        "maps": cases.pairs.digest(),
-    }
 
 
 @cache

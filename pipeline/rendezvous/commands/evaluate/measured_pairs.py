@@ -6,18 +6,14 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
-from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
-
-from rich.console import Console
 
 from rendezvous.alignment.estimate import FrameErrorEstimator
 from rendezvous.alignment.window import MapWindow
 from rendezvous.commands.evaluate import measuring
-from rendezvous.commands.evaluate.measuring import Measurement
+from rendezvous.commands.evaluate.measuring import EvaluationSettings, Measurement
 from rendezvous.evaluation.frame_error.estimates import Outcome, outcome
 from rendezvous.stages.weights.estimators import SelectedMethod
-from rendezvous.store.disk import Disk
 from rendezvous.store.records import json_bytes
 from rendezvous.training.frame_error.pairs import (
     MapPair,
@@ -28,7 +24,6 @@ from rendezvous.training.frame_error.pairs import (
     perturbed_pair,
 )
 
-CACHE = "frame_error"
 Sample = tuple[MapPair, Perturbation]
 
 
@@ -81,25 +76,13 @@ def measured(
     selected: SelectedMethod,
     estimator: FrameErrorEstimator | None,
     trial: Trial,
-    *,
-    folder: Path,
-    workers: int,
-    console: Console,
+    settings: EvaluationSettings,
 ) -> tuple[Outcome, ...]:
     """The outcome of each pair under a method, from the cache if nothing that it depends on has changed.
 
-    Args:
-        selected: the method.
-        estimator: the loaded network; None for a method without one, which runs in worker processes.
-        trial: the pairs.
-        folder: of the report.
-        workers: processes; 1 means this one.
-        console: for progress and messages.
+    A method without a loaded network, whose `estimator` is None, runs in worker processes.
     """
-    cache = Disk(str(folder / CACHE))
-    return measuring.measured(
-        measurement(selected, estimator, trial), trial, cache=cache, workers=workers, console=console
-    )
+    return measuring.measured(measurement(selected, estimator, trial), trial, settings)
 
 
 def measurement(
@@ -115,6 +98,7 @@ def measurement(
     }
     return Measurement(
         command="evaluate",
+        cache="frame_error",
         name=selected.name,
         items_name="pairs",
         measure=partial(_measure, selected, estimator),
@@ -140,13 +124,10 @@ def _outcome(estimator: FrameErrorEstimator, pair: MapPair, perturbation: Pertur
     duration_s = time.perf_counter() - started_s
     log_density = None
     if isinstance(estimator, PosteriorEstimator) and estimate.theta is not None:
-        log_density = _finite(estimator.posterior(sample.window).log_density(sample.theta_v))
+        density = float(estimator.posterior(sample.window).log_density(sample.theta_v))
+        # A density of zero becomes the smallest that a double holds, so that means stay finite.
+        log_density = max(density, -745.0)
     return outcome(estimate, pair, sample, log_density=log_density, duration_s=duration_s)
-
-
-def _finite(log_density: float) -> float:
-    """A density of zero becomes the smallest that a double holds, so that means stay finite."""
-    return max(float(log_density), -745.0)
 
 
 def perturbation_json(drawn: Mapping[str, Mapping[str, Any]]) -> bytes:

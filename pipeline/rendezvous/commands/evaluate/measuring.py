@@ -6,7 +6,7 @@ import hashlib
 import json
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache, partial
 from pathlib import Path
 from typing import Any, Generic, Protocol, TypeVar
@@ -16,9 +16,11 @@ from rich.console import Console
 import rendezvous
 from rendezvous.engine.pool import Call, Engine, run_calls
 from rendezvous.engine.progress import meter
+from rendezvous.errors import ConfigError
 from rendezvous.stages.weights.provenance import versions
 from rendezvous.store.disk import Disk
 from rendezvous.store.records import digest_of, json_bytes
+from rendezvous.training.frame_error.pairs import SPLIT_NAMES
 
 _CODE = Path(rendezvous.__path__[0])
 _PACKAGES = ("numpy", "scipy", "opencv-python-headless", "numba", "torch")
@@ -50,11 +52,52 @@ Outcome = TypeVar("Outcome", bound=Kept)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class EvaluationSettings:
+    """What all evaluations ask for.
+
+    Attributes:
+        dataset: folder that `pack` wrote.
+        split: of it.
+        seed: of everything that is drawn.
+        folder: of the report.
+        workers: number of processes; 1 means this one.
+        console: for progress and messages.
+    """
+
+    dataset: str = "data/dataset"
+    split: str = "test"
+    seed: int = 0
+    folder: Path = Path("report")
+    workers: int = 1
+    console: Console = field(default_factory=lambda: Console(stderr=True))
+
+    def require_split(self) -> None:
+        """Check that there is such a split.
+
+        Raises:
+            ConfigError: there is none.
+        """
+        if self.split not in SPLIT_NAMES:
+            raise ConfigError(f"--split is {self.split!r}; must be one of {', '.join(SPLIT_NAMES)}")
+
+    def warn_of_known_plans(self, name: str, known: int | None, plans: int) -> None:
+        """Print that weights were trained on some of the measured floor plans, if they were."""
+        if known:
+            self.console.print(
+                f"evaluate {name}: warning: trained on {known} of these {plans} floor plans; its errors on "
+                "plans that it never saw may be larger than these",
+                highlight=False,
+                soft_wrap=True,
+            )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Measurement(Generic[Item, Outcome]):
     """How items are measured.
 
     Attributes:
         command: the user's, for messages.
+        cache: name of the folder of kept outcomes in that of the report.
         name: what is measured; the cache file's name begins with it.
         items_name: plural noun for the items.
         measure: outcomes of some items, in order; can be pickled.
@@ -65,6 +108,7 @@ class Measurement(Generic[Item, Outcome]):
     """
 
     command: str
+    cache: str
     name: str
     items_name: str
     measure: Callable[[Sequence[Item]], Sequence[Outcome]]
@@ -76,22 +120,13 @@ class Measurement(Generic[Item, Outcome]):
 def measured(
     measurement: Measurement[Item, Outcome],
     items: Items[Item],
-    *,
-    cache: Disk,
-    workers: int,
-    console: Console,
+    settings: EvaluationSettings,
 ) -> tuple[Outcome, ...]:
-    """The outcome of each item, from the cache if nothing that it depends on has changed.
-
-    Args:
-        measurement: what to do with each.
-        items: at least one.
-        cache: folder of kept outcomes.
-        workers: processes; 1 means this one.
-        console: for progress and messages.
-    """
+    """The outcome of each of at least one item, from the cache if nothing that it depends on has changed."""
+    workers, console = settings.workers, settings.console
     if not measurement.key:
         return _run(measurement, items, workers, console)
+    cache = Disk(str(settings.folder / measurement.cache))
     name = f"{measurement.name}-{cache_key(measurement, workers=workers)[:16]}.json"
     if (kept := _kept(measurement, cache, name)) is not None:
         found = f"{measurement.command} {measurement.name}: {len(kept)} {measurement.items_name}"

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,23 +16,23 @@ from rendezvous.commands.evaluate.images import (
     ImageEvaluation,
     image_conditions,
     require_robot_of_images,
-    require_split,
     unseen_images,
 )
-from rendezvous.commands.evaluate.measured_poses import PoseVariant, measured_poses
+from rendezvous.commands.evaluate.measuring import Measurement, measured
 from rendezvous.commands.evaluate.recorded import RecordFolder
 from rendezvous.commands.evaluate.report_folder import PAGE, keep_evaluation, kept_metrics
 from rendezvous.errors import ConfigError
-from rendezvous.evaluation.relative_pose.errors import PoseOutcome
+from rendezvous.evaluation.relative_pose.errors import PoseOutcome, pose_table
 from rendezvous.evaluation.relative_pose.gallery import PoseShown, chosen_images, pose_shown
 from rendezvous.evaluation.relative_pose.report import VARIANTS, FloorGain, PoseContent, pose_part
 from rendezvous.evaluation.relative_pose.summary import PoseSummary, pose_summary
 from rendezvous.evaluation.report.recorded_figures import ImageConditions, RecordedFigures
 from rendezvous.evaluation.statistics import bootstrap_mean, resample_weights
+from rendezvous.pose_estimation.covered import covered_image
 from rendezvous.resources import METRICS
 from rendezvous.seeds import stream
-from rendezvous.stages.training.seen_images import KINDS, SeenImage, read_images
-from rendezvous.stages.weights.pose_source import PoseWeights
+from rendezvous.stages.training.seen_images import KINDS, SeenImage, digest_of_images, read_images
+from rendezvous.stages.weights.pose_source import PoseSource, PoseWeights
 from rendezvous.stages.weights.provenance import versions
 from rendezvous.store.disk import Disk
 from rendezvous.store.read import StageReader
@@ -53,6 +55,19 @@ class PoseEvaluation(ImageEvaluation):
     kinds: tuple[str, ...] = KINDS
     floor: bool | None = None
     records: Path = POSE_RECORDS
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PoseVariant:
+    """An estimator's source, and whether it takes the robots to stand on one floor."""
+
+    source: PoseSource
+    floor: bool
+
+    @property
+    def name(self) -> str:
+        """Its name in tables and files."""
+        return "floor" if self.floor else "free"
 
 
 def evaluate_pose(settings: PoseEvaluation) -> Path:
@@ -79,27 +94,20 @@ def evaluate_pose(settings: PoseEvaluation) -> Path:
     require_robot_of_images(images, source, settings.dataset)
     if settings.unseen:
         images = unseen_images(images, [source.record()], settings.console)
-    conditions = image_conditions(
-        images, settings.split, settings.seed, {"relative pose": source}, settings.console
-    )
+    conditions = image_conditions(images, {"relative pose": source}, settings)
     recorded = RecordFolder.read(settings.records, RecordedFigures[PoseSummary], command="evaluate-pose")
     if settings.record:
         recorded.require_no_loss([variant.name for variant in variants], conditions)
-    measured = {
-        variant.name: measured_poses(
-            variant, images, folder=settings.folder, workers=settings.workers, console=settings.console
-        )
-        for variant in variants
-    }
-    content = _content(images, conditions, measured, recorded, settings)
+    found = {variant.name: measured_poses(variant, images, settings) for variant in variants}
+    content = _content(images, conditions, found, recorded, settings)
     if settings.record:
-        recorded.keep((content.rows[name] for name in measured), settings.console)
+        recorded.keep((content.rows[name] for name in found), settings.console)
     keep_evaluation(disk, pose_part(content), _metrics(content), settings.console)
     return settings.folder / PAGE
 
 
 def _images(settings: PoseEvaluation) -> list[SeenImage]:
-    require_split(settings.split)
+    settings.require_split()
     if not settings.kinds:
         raise ConfigError(f"--images names nothing; must name {' or '.join(KINDS)}, or both")
     for kind in settings.kinds:
@@ -107,6 +115,46 @@ def _images(settings: PoseEvaluation) -> list[SeenImage]:
             raise ConfigError(f"--images names {kind!r}; must be of {', '.join(KINDS)}")
     reader = StageReader(settings.dataset, "pack")
     return read_images(reader, settings.split, kinds=settings.kinds, count=settings.count, seed=settings.seed)
+
+
+def measured_poses(
+    variant: PoseVariant, images: Sequence[SeenImage], settings: PoseEvaluation
+) -> tuple[pd.DataFrame, tuple[PoseOutcome, ...]]:
+    """The table of `pose_table` and its outcomes, from the cache if nothing they depend on has changed."""
+    measurement = Measurement(
+        command="evaluate-pose",
+        cache="relative_pose",
+        name=variant.name,
+        items_name="images",
+        measure=partial(_measure, variant),
+        from_json=PoseOutcome.from_json,
+        key={
+            "weights": variant.source.digest,
+            "floor": variant.floor,
+            "images": digest_of_images(images),
+        },
+    )
+    rows = measured(measurement, images, settings)
+    return pose_table([image.truth for image in images], rows), rows
+
+
+def _measure(variant: PoseVariant, images: Sequence[SeenImage]) -> list[PoseOutcome]:
+    estimator = variant.source.estimator(floor=variant.floor)
+    # Once untimed: compiled code is loaded at the first call.
+    estimator(images[0].pixels(), images[0].camera, images[0].T_r0_c)
+    outcomes = []
+    for image in images:
+        pixels = image.pixels()
+        started_s = time.perf_counter()
+        pose = estimator(pixels, image.camera, image.T_r0_c)
+        duration_s = time.perf_counter() - started_s
+        covered = None
+        if image.box_px is not None:
+            covered = estimator(covered_image(pixels, image.box_px), image.camera, image.T_r0_c).found
+        outcomes.append(
+            PoseOutcome.of(image.truth.image_id, pose, duration_s=duration_s, found_covered=covered)
+        )
+    return outcomes
 
 
 def _metrics(content: PoseContent) -> dict[str, Any]:
@@ -124,11 +172,11 @@ def _metrics(content: PoseContent) -> dict[str, Any]:
 def _content(
     images: Sequence[SeenImage],
     conditions: ImageConditions,
-    measured: Mapping[str, tuple[pd.DataFrame, Sequence[PoseOutcome]]],
+    outcomes: Mapping[str, tuple[pd.DataFrame, Sequence[PoseOutcome]]],
     recorded: RecordFolder[RecordedFigures[PoseSummary]],
     settings: PoseEvaluation,
 ) -> PoseContent:
-    found = {name: table for name, (table, _) in measured.items()}
+    found = {name: table for name, (table, _) in outcomes.items()}
     rows = recorded.of_split(settings.split) | {
         name: RecordedFigures(name=name, conditions=conditions, figures=pose_summary(table))
         for name, table in found.items()
@@ -138,7 +186,7 @@ def _content(
         found=found,
         rows={name: rows[name] for name in VARIANTS if name in rows},
         gain=_floor_gain(found, settings.seed),
-        gallery=_gallery(images, *next(iter(measured.values()))),
+        gallery=_gallery(images, *next(iter(outcomes.values()))),
         dataset=settings.dataset,
         versions=versions(_PACKAGES),
     )

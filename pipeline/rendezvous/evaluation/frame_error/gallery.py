@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import cv2
@@ -11,32 +12,21 @@ import pandas as pd
 from rendezvous.alignment.frame_error import corrected
 from rendezvous.alignment.window import FREE_CELL, OCCUPIED_CELL, UNKNOWN_CELL, MapWindow, map_window
 from rendezvous.evaluation.frame_error.estimates import SUCCESS_M, SUCCESS_RAD
-from rendezvous.evaluation.pictures.canvas import BLUE, INK, PAPER, RED, UNSEEN, Canvas, Colour, View
-from rendezvous.evaluation.pictures.map_panels import BOTH, SEEN
+from rendezvous.evaluation.pictures.canvas import BLUE, INK, RED, UNSEEN, Canvas, Colour, View
+from rendezvous.evaluation.pictures.map_panels import BOTH, SEEN, draw_robot
 from rendezvous.geometry.camera import Image
 from rendezvous.geometry.se2 import SE2, Array
 from rendezvous.training.frame_error.pairs import MapPair, PerturbedPair
 
 PANEL_PX = 420
 _MARGIN_M = 0.5
-_ROBOT_PX = 9.0
 _HEAT: Colour = (236, 122, 8)
 _FULL_HEAT = 4.0
 """Multiple of its even share of attention at which a place has full colour."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Chosen:
-    """A pair to show: its number, and why."""
-
-    index: int
-    why: str
-
-
-def chosen_pairs(reference: pd.DataFrame) -> list[Chosen]:
+def chosen_pairs(reference: pd.DataFrame) -> list[tuple[str, int]]:
     """The best, the median and the worst pair of one method, and its median in the tenth of least overlap.
-
-    A pair that is two of these is shown once.
 
     Args:
         reference: the method's rows of an `outcome_table`.
@@ -44,16 +34,23 @@ def chosen_pairs(reference: pd.DataFrame) -> list[Chosen]:
     by_error = reference["position_m"].sort_values(kind="stable").index
     least = reference["overlap"].sort_values(kind="stable").index[: max(1, len(reference) // 10)]
     low = reference["position_m"][least].sort_values(kind="stable").index
-    named = {
-        "best": by_error[0],
-        "median": by_error[len(by_error) // 2],
-        "low overlap": low[len(low) // 2],
-        "worst": by_error[-1],
-    }
+    return shown_once(
+        {
+            "best": by_error[:1],
+            "median": by_error[len(by_error) // 2 :][:1],
+            "low overlap": low[len(low) // 2 :][:1],
+            "worst": by_error[-1:],
+        }
+    )
+
+
+def shown_once(named: Mapping[str, Iterable[int]]) -> list[tuple[str, int]]:
+    """Reasons and numbers of what is shown, each number for its first reason alone."""
     shown: dict[int, str] = {}
-    for why, index in named.items():
-        shown.setdefault(int(index), why)
-    return [Chosen(index=index, why=why) for index, why in shown.items()]
+    for why, numbers in named.items():
+        for number in numbers:
+            shown.setdefault(int(number), why)
+    return [(why, number) for number, why in shown.items()]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -150,8 +147,8 @@ def overlay(pair: MapPair, T_m0_m1: SE2, T_m0_v: SE2, side_m: float) -> Image:
     px_per_m = PANEL_PX / side_m
     view = View(px_per_m=px_per_m, u0_px=PANEL_PX / 2.0, v0_px=PANEL_PX / 2.0)
     T_v_m0 = T_m0_v.inverse()
-    _draw_robot(canvas, view, T_v_m0 @ pair.T_m0_r1, INK)
-    _draw_robot(canvas, view, T_v_m0 @ T_m0_m1 @ pair.T_m1_r1, BLUE)
+    draw_robot(canvas, view, T_v_m0 @ pair.T_m0_r1, INK)
+    draw_robot(canvas, view, T_v_m0 @ T_m0_m1 @ pair.T_m1_r1, BLUE)
     canvas.scale_bar(12, PANEL_PX - 14, px_per_m=px_per_m, longest_px=90)
     return canvas.image
 
@@ -167,15 +164,6 @@ def _painted(window: MapWindow) -> Image:
     image[second == OCCUPIED_CELL] = BLUE
     image[(first == OCCUPIED_CELL) & (second == OCCUPIED_CELL)] = BOTH
     return image
-
-
-def _draw_robot(canvas: Canvas, view: View, T_v_r: SE2, colour: Colour) -> None:
-    """A disc with a nose: robot 1 where it stands (black) or where the transform puts it (blue)."""
-    nose_m = np.array([[0.0, 0.0], [2.0 * _ROBOT_PX / view.px_per_m, 0.0]])
-    nose_px = view.uv_px(T_v_r @ nose_m)
-    canvas.polyline(nose_px, colour=PAPER, width_px=6)
-    canvas.disc(nose_px[0], radius_px=_ROBOT_PX * 0.6, colour=colour)
-    canvas.polyline(nose_px, colour=colour, width_px=3)
 
 
 def attention_panel(window: MapWindow, attention: Array) -> Image:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import pandas as pd
 
 from rendezvous.evaluation.frame_error.estimates import SUCCESS_M, SUCCESS_RAD
-from rendezvous.evaluation.frame_error.gallery import overlay, square_around
+from rendezvous.evaluation.frame_error.gallery import overlay, shown_once, square_around
 from rendezvous.evaluation.fusion.runs import ESTIMATED, NONE, FusionRun, RendezvousOutcome
 from rendezvous.geometry.camera import Image
 from rendezvous.training.frame_error.pairs import MapPair
@@ -71,9 +71,5 @@ def chosen_rendezvous(run: pd.DataFrame) -> list[tuple[str, int]]:
     fused = run[run.made]
     off = fused.position_m / SUCCESS_M + fused.heading_rad / SUCCESS_RAD
     order = off.sort_values(kind="stable").index
-    if not len(order):
-        return []
-    shown: dict[int, str] = {}
-    for why, place in (("best", 0), ("median", len(order) // 2), ("worst", -1)):
-        shown.setdefault(int(order[place]), why)
-    return [(why, number) for number, why in shown.items()]
+    middle = order[len(order) // 2 :][:1]
+    return shown_once({"best": order[:1], "median": middle, "worst": order[-1:]})

@@ -7,6 +7,7 @@ from typing import Any
 
 import pandas as pd
 
+from rendezvous.evaluation.frame_error.gallery import shown_once
 from rendezvous.evaluation.pictures.poses import labelled_image
 from rendezvous.evaluation.relative_pose.errors import PoseOutcome
 from rendezvous.evaluation.relative_pose.summary import TARGET_HEADING_RAD, TARGET_POSITION_M
@@ -48,18 +49,15 @@ def chosen_images(images: pd.DataFrame, *, each: int = _EACH) -> list[tuple[str,
     worst = [*made.position_m.nlargest(each // 2).index, *made.turn_rad.nlargest(each).index]
     missed = images[images.shows_robot & ~images.found]
     false = images[~images.shows_robot & images.found]
-    named = {
-        "best": by_both.index[:each],
-        "median": by_both.index[middle : middle + each],
-        "worst": list(dict.fromkeys(worst))[:each],
-        "missed": missed.visibility.nlargest(each).index,
-        "false detection": false.score.nlargest(each).index,
-    }
-    shown: dict[int, str] = {}
-    for why, numbers in named.items():
-        for number in numbers:
-            shown.setdefault(int(number), why)
-    return [(why, number) for number, why in shown.items()]
+    return shown_once(
+        {
+            "best": by_both.index[:each],
+            "median": by_both.index[middle : middle + each],
+            "worst": list(dict.fromkeys(worst))[:each],
+            "missed": missed.visibility.nlargest(each).index,
+            "false detection": false.score.nlargest(each).index,
+        }
+    )
 
 
 def pose_shown(
