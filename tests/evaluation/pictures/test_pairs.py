@@ -3,7 +3,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
-from rendezvous.evaluation.dataset.charts import histogram
+from rendezvous.evaluation.dataset.card import histogram
 from rendezvous.evaluation.pictures.canvas import BLUE, RED, SHEET_WIDTH_PX, encoded_png
 from rendezvous.evaluation.pictures.map_panels import BOTH
 from rendezvous.evaluation.pictures.pairs import contact_sheet

@@ -16,7 +16,7 @@ from rendezvous.alignment.window import PAPER_XY_M, PAPER_YAW_RAD, SearchRange
 from rendezvous.commands.evaluate.measured_pairs import Trial, measured, perturbation_json
 from rendezvous.commands.evaluate.measuring import EvaluationSettings
 from rendezvous.commands.evaluate.recorded import RecordFolder
-from rendezvous.commands.evaluate.report_folder import PAGE, keep_evaluation, kept_metrics
+from rendezvous.commands.evaluate.report_folder import PAGE, keep_evaluation, kept_metrics, with_sources
 from rendezvous.errors import ConfigError, StoreError
 from rendezvous.evaluation.frame_error.estimates import Outcome, outcome_table
 from rendezvous.evaluation.frame_error.gallery import Panel, Shown, attention_panel, chosen_pairs, panels
@@ -263,13 +263,9 @@ def _pictures(
 
 def _write(content: FrameErrorContent, trial: Trial, settings: Evaluation) -> None:
     disk = Disk(str(settings.folder))
-    measured = content.measured
     figures = {
         "conditions": asdict(content.conditions),
-        "methods": {
-            name: {**row.to_json(), "source": "measured" if name in measured else "recorded"}
-            for name, row in content.rows.items()
-        },
+        "methods": with_sources(content.rows, content.measured),
         "symmetry": content.symmetry and content.symmetry.to_json(),
         "comparisons": [comparison.to_json() for comparison in content.comparisons],
     }

@@ -23,7 +23,7 @@ from rendezvous.commands.evaluate.measured_fusions import (
     run_case,
 )
 from rendezvous.commands.evaluate.recorded import RecordFolder
-from rendezvous.commands.evaluate.report_folder import PAGE, keep_evaluation, kept_metrics
+from rendezvous.commands.evaluate.report_folder import PAGE, keep_evaluation, kept_metrics, with_sources
 from rendezvous.errors import ConfigError, StoreError
 from rendezvous.evaluation.fusion.gallery import FusionShown, best_run, chosen_rendezvous, fusion_shown
 from rendezvous.evaluation.fusion.paper_scenario import PAPER_OVERLAP, scenario
@@ -212,9 +212,6 @@ def _metrics(content: FusionContent) -> dict[str, Any]:
     scenario = content.scenario
     return {
         "conditions": asdict(content.conditions),
-        "runs": {
-            name: {**row.to_json(), "source": "measured" if name in content.measured else "recorded"}
-            for name, row in content.rows.items()
-        },
+        "runs": with_sources(content.rows, content.measured),
         "paper_scenario": scenario and {"overlap": scenario.overlap, **scenario.outcome.to_json()},
     }

@@ -20,14 +20,16 @@ from rendezvous.commands.evaluate.images import (
 )
 from rendezvous.commands.evaluate.measuring import Measurement, measured
 from rendezvous.commands.evaluate.recorded import RecordFolder
-from rendezvous.commands.evaluate.report_folder import PAGE, keep_evaluation, kept_metrics
+from rendezvous.commands.evaluate.report_folder import PAGE, keep_evaluation, kept_metrics, with_sources
 from rendezvous.errors import ConfigError
+from rendezvous.evaluation.pictures.poses import labelled_image
 from rendezvous.evaluation.relative_pose.errors import PoseOutcome, pose_table
-from rendezvous.evaluation.relative_pose.gallery import PoseShown, chosen_images, pose_shown
+from rendezvous.evaluation.relative_pose.gallery import IMAGE_PX, PoseShown, chosen_images
 from rendezvous.evaluation.relative_pose.report import VARIANTS, FloorGain, PoseContent, pose_part
 from rendezvous.evaluation.relative_pose.summary import PoseSummary, pose_summary
 from rendezvous.evaluation.report.recorded_figures import ImageConditions, RecordedFigures
 from rendezvous.evaluation.statistics import bootstrap_mean, resample_weights
+from rendezvous.geometry.cuboid import project_cuboid
 from rendezvous.pose_estimation.covered import covered_image
 from rendezvous.resources import METRICS
 from rendezvous.seeds import stream
@@ -161,10 +163,7 @@ def _metrics(content: PoseContent) -> dict[str, Any]:
     """The entry in `metrics.json`."""
     return {
         "conditions": asdict(content.conditions),
-        "variants": {
-            name: {**row.to_json(), "source": "measured" if name in content.found else "recorded"}
-            for name, row in content.rows.items()
-        },
+        "variants": with_sources(content.rows, content.found),
         "floor_gain": content.gain and asdict(content.gain),
     }
 
@@ -212,15 +211,16 @@ def _floor_gain(found: Mapping[str, pd.DataFrame], seed: int) -> FloorGain | Non
 def _gallery(
     images: Sequence[SeenImage], table: pd.DataFrame, outcomes: Sequence[PoseOutcome]
 ) -> list[PoseShown]:
-    return [
-        pose_shown(
-            why,
-            table.loc[number],
-            outcomes[number],
-            encoded=images[number].encoded,
-            camera=images[number].camera,
-            cuboid_size_m=images[number].cuboid_size_m,
-            box_px=images[number].box_px,
-        )
-        for why, number in chosen_images(table)
-    ]
+    shown = []
+    for why, number in chosen_images(table):
+        image, T_c_o = images[number], outcomes[number].T_c_o
+        read = None if T_c_o is None else project_cuboid(T_c_o, image.cuboid_size_m, image.camera)
+        drawn = {
+            "image": image.encoded,
+            "projected_cuboid_px": read,
+            "box_px": image.box_px,
+            "pose_id": image.truth.image_id,
+        }
+        picture = labelled_image(drawn, width_px=IMAGE_PX)
+        shown.append(PoseShown(why=why, row=table.loc[number], image=picture))
+    return shown

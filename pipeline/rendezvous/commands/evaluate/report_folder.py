@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any
 
 from rich.console import Console
 
 from rendezvous.errors import StoreError
 from rendezvous.evaluation.report.page import PARTS, ReportPart, report_page
+from rendezvous.evaluation.report.recorded_figures import Recordable
 from rendezvous.store.disk import Disk
 from rendezvous.store.read import read_json
 from rendezvous.store.records import json_bytes
@@ -19,6 +20,14 @@ PAGE, METRICS = "index.html", "metrics.json"
 def part_name(key: str) -> str:
     """The file with an evaluation's part of the page."""
     return f"parts/{key}.json"
+
+
+def with_sources(rows: Mapping[str, Recordable], measured: Collection[str]) -> dict[str, Any]:
+    """Rows for `metrics.json`, each with whether it was measured in this run or recorded."""
+    return {
+        name: {**row.to_json(), "source": "measured" if name in measured else "recorded"}
+        for name, row in rows.items()
+    }
 
 
 def kept_metrics(disk: Disk) -> dict[str, Any]:

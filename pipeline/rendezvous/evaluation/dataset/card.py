@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from rendezvous.evaluation.dataset.charts import histogram
 from rendezvous.evaluation.dataset.pose_card import licence_note, poses_section, views_section
 from rendezvous.evaluation.dataset.tables import (
     column_table,
@@ -18,6 +17,7 @@ from rendezvous.evaluation.dataset.tables import (
     quantile_table,
     split_table,
 )
+from rendezvous.evaluation.pictures.canvas import BLUE, INK, MUTED, RED, Canvas
 from rendezvous.geometry.camera import Image
 from rendezvous.geometry.se2 import Array
 from rendezvous.schema import PAIRS, POSES, SCHEMA_VERSION
@@ -25,6 +25,8 @@ from rendezvous.splits import SPLITS
 from rendezvous.store.records import Quarantined
 
 _PAPERS_OVERLAP = 0.174
+_CHART_WIDTH_PX, _CHART_HEIGHT_PX = 1240, 460
+_LEFT_PX, _TOP_PX, _BOTTOM_PX = 28, 70, 60
 _REASONS_SHOWN = 3
 _OVERLAP_EDGES = np.linspace(0.0, 1.0, 21)
 _DEGREES = 180.0 / np.pi
@@ -162,6 +164,34 @@ def overlap_chart(sightings: pa.Table) -> Image:
         mark=_PAPERS_OVERLAP,
         mark_label=f"the paper's real scenario, {_PAPERS_OVERLAP}",
     )
+
+
+def histogram(values: Array, edges: Array, *, title: str, mark: float, mark_label: str) -> Image:
+    """Bars of how many values (N,) fall between neighbouring edges (B + 1,), and a marked value.
+
+    Returns:
+        (H, W, 3) uint8 RGB.
+    """
+    counts, _ = np.histogram(values, edges)
+    canvas = Canvas(_CHART_WIDTH_PX, _CHART_HEIGHT_PX)
+    canvas.text(title, _LEFT_PX, 40, size_px=25, bold=True)
+    base_px, step_px = _CHART_HEIGHT_PX - _BOTTOM_PX, (_CHART_WIDTH_PX - 2 * _LEFT_PX) / len(counts)
+    px_per_count = (base_px - _TOP_PX - 50) / max(int(counts.max()), 1)
+    for i, count in enumerate(counts):
+        left_px, right_px = _LEFT_PX + i * step_px + 2, _LEFT_PX + (i + 1) * step_px - 2
+        top_px = base_px - count * px_per_count
+        corners = [[left_px, base_px], [left_px, top_px], [right_px, top_px], [right_px, base_px]]
+        canvas.polygon(np.array(corners), colour=BLUE)
+        canvas.text(str(count), left_px, top_px - 8, size_px=17, colour=MUTED)
+    for i, edge in enumerate(edges[::2]):
+        canvas.text(f"{edge:.1f}", _LEFT_PX + 2 * i * step_px - 12, base_px + 28, size_px=18)
+    canvas.polyline(
+        np.array([[_LEFT_PX, base_px], [_CHART_WIDTH_PX - _LEFT_PX, base_px]]), colour=INK, width_px=2
+    )
+    mark_px = _LEFT_PX + (mark - edges[0]) / (edges[-1] - edges[0]) * (_CHART_WIDTH_PX - 2 * _LEFT_PX)
+    canvas.dashes(np.array([[mark_px, _TOP_PX], [mark_px, base_px]]), colour=RED, width_px=2)
+    canvas.text(mark_label, mark_px + 8, _TOP_PX + 14, size_px=18, colour=RED)
+    return canvas.image
 
 
 def quality_table(sightings: pa.Table) -> str:

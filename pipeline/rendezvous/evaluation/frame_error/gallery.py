@@ -96,34 +96,25 @@ def panels(pair: MapPair, sample: PerturbedPair, outcomes: pd.DataFrame) -> list
         sample: the pair as the methods saw it.
         outcomes: the rows of this pair in an `outcome_table`, one for each method that is shown.
     """
-    square = square_around(pair)
-    theta = sample.theta_v
-    out = [
-        Panel(
-            name="truth",
-            image=overlay(pair, pair.T_m0_m1, *square),
-            position_m=None,
-            heading_rad=None,
-        ),
-        Panel(
-            name="input",
-            image=overlay(pair, sample.T_estimated, *square),
-            position_m=float(np.hypot(theta.x_m, theta.y_m)),
-            heading_rad=abs(theta.yaw_rad),
-        ),
+    square, theta = square_around(pair), sample.theta_v
+    input_m = float(np.hypot(theta.x_m, theta.y_m))
+    placed: list[tuple[str, SE2, float | None, float | None, bool]] = [
+        ("truth", pair.T_m0_m1, None, None, False),
+        ("input", sample.T_estimated, input_m, abs(theta.yaw_rad), False),
     ]
     for row in outcomes.itertuples():
         T_hat = corrected(sample.T_estimated, row.theta_hat or SE2.identity(), sample.T_m0_v)
-        out.append(
-            Panel(
-                name=row.method,
-                image=overlay(pair, T_hat, *square),
-                position_m=row.position_m,
-                heading_rad=row.heading_rad,
-                failed=row.failed,
-            )
+        placed.append((row.method, T_hat, row.position_m, row.heading_rad, row.failed))
+    return [
+        Panel(
+            name=name,
+            image=overlay(pair, T_m0_m1, *square),
+            position_m=position_m,
+            heading_rad=heading_rad,
+            failed=failed,
         )
-    return out
+        for name, T_m0_m1, position_m, heading_rad, failed in placed
+    ]
 
 
 def square_around(pair: MapPair) -> tuple[SE2, float]:

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from rendezvous.alignment.estimate import WRONG_M, WRONG_RAD
-from rendezvous.evaluation.frame_error.estimates import OVERLAP_BINS, OVERLAP_EDGES, SUCCESS_M, SUCCESS_RAD
+from rendezvous.evaluation.frame_error.estimates import SUCCESS_M, SUCCESS_RAD, overlap_bins
 from rendezvous.evaluation.fusion.runs import FusionOutcome, RendezvousOutcome
 from rendezvous.evaluation.relative_pose.summary import Share, Tail
 from rendezvous.geometry.se2 import Array
@@ -79,8 +79,8 @@ def fusion_table(outcomes: Sequence[RendezvousOutcome], overlap: Array) -> pd.Da
             for number, source, method, outcome in numbered
         ]
     ).set_index("number")
-    overlaps = pd.cut(overlap, [-math.inf, *OVERLAP_EDGES, math.inf], right=False, labels=OVERLAP_BINS)
-    table["overlap"], table["overlaps"] = overlap[table.index], overlaps[table.index]
+    table["overlap"] = overlap[table.index]
+    table["overlaps"] = overlap_bins(table["overlap"])
     table["position_m"], table["heading_rad"] = np.hypot(table.dx_m, table.dy_m), table.dyaw_rad.abs()
     table["success"] = (table.position_m <= SUCCESS_M) & (table.heading_rad <= SUCCESS_RAD)
     table["wrong"] = (table.position_m > WRONG_M) | (table.heading_rad > WRONG_RAD)

@@ -8,12 +8,8 @@ from typing import Any
 import pandas as pd
 
 from rendezvous.evaluation.frame_error.gallery import shown_once
-from rendezvous.evaluation.pictures.poses import labelled_image
-from rendezvous.evaluation.relative_pose.errors import PoseOutcome
 from rendezvous.evaluation.relative_pose.summary import TARGET_HEADING_RAD, TARGET_POSITION_M
-from rendezvous.geometry.camera import Image, PinholeCamera
-from rendezvous.geometry.cuboid import Vec3, project_cuboid
-from rendezvous.geometry.se2 import Array
+from rendezvous.geometry.camera import Image
 
 IMAGE_PX = 420
 _EACH = 4
@@ -58,19 +54,3 @@ def chosen_images(images: pd.DataFrame, *, each: int = _EACH) -> list[tuple[str,
             "false detection": false.score.nlargest(each).index,
         }
     )
-
-
-def pose_shown(
-    why: str,
-    row: Any,
-    outcome: PoseOutcome,
-    *,
-    encoded: bytes,
-    camera: PinholeCamera,
-    cuboid_size_m: Vec3,
-    box_px: Array | None,
-) -> PoseShown:
-    """An image of the gallery: its row of the table, its outcome and what is needed to draw it."""
-    read = None if outcome.T_c_o is None else project_cuboid(outcome.T_c_o, cuboid_size_m, camera)
-    drawn = {"image": encoded, "projected_cuboid_px": read, "box_px": box_px, "pose_id": outcome.image_id}
-    return PoseShown(why=why, row=row, image=labelled_image(drawn, width_px=IMAGE_PX))
