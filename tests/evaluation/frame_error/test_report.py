@@ -105,12 +105,8 @@ def page(content) -> str:
     return _page(content, drawn=True)
 
 
-def test_the_page_needs_nothing_but_itself(page):
-    anchors = require_self_contained(page)
-    assert "frame_error-table-1" in anchors
-
-
-def test_words_from_outside_are_escaped(page):
+def test_the_page_needs_nothing_but_itself_and_escapes_words_from_outside(page):
+    assert "frame_error-table-1" in require_self_contained(page)
     assert "2 cores of &lt;nothing&gt;" in page
     assert "<nothing>" not in page
 

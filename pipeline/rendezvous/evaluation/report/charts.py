@@ -76,13 +76,6 @@ def svg(figure: Figure) -> Markup:
     return Markup(re.sub(r">\s+<", "><", text).strip())
 
 
-def png(figure: Figure) -> bytes:
-    """The figure as a PNG."""
-    binary = io.BytesIO()
-    figure.savefig(binary, format="png", metadata={"Software": None}, facecolor="white")
-    return binary.getvalue()
-
-
 def plain_numbers(axis: Axis, *, digits: tuple[float, ...] = (1.0,)) -> None:
     """Ticks of a logarithmic axis at powers of ten times some digits, written as 0.01 and not as 10⁻²."""
     axis.set_major_locator(LogLocator(subs=digits))

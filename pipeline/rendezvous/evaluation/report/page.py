@@ -81,11 +81,6 @@ def render_part(key: str, *, title: str, facts: Sequence[tuple[str, str]], **con
     return ReportPart(key=key, title=title, html=Markup(html))
 
 
-def render_macro(name: str, *arguments: Any, **options: Any) -> Markup:
-    """The markup of one macro of `macros.html.j2`."""
-    return getattr(_environment().get_template("macros.html.j2").module, name)(*arguments, **options)
-
-
 def report_page(parts: Sequence[ReportPart], *, absent: Sequence[str] = ()) -> str:
     """The page of all parts.
 
