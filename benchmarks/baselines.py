@@ -11,6 +11,9 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from scipy.fft import irfft2, next_fast_len, rfft2
+
+from benchmarks.scene import default_config, shipped_plans, walls_of
 from rendezvous.alignment.estimate import FrameErrorEstimator, Identity
 from rendezvous.alignment.frame_error import perturbed
 from rendezvous.alignment.window import DEFAULT_SEARCH, OCCUPIED_CELL, MapWindow, SearchRange, map_window
@@ -26,9 +29,6 @@ from rendezvous.robot_file import load_robot
 from rendezvous.seeds import stream
 from rendezvous.stages import explore as stage
 from rendezvous.stages.dataset.sightings import sighting_rows
-from scipy.fft import irfft2, next_fast_len, rfft2
-
-from benchmarks.scene import default_config, shipped_plans, walls_of
 
 PAIRS = 6
 REPEATS = 3

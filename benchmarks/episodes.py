@@ -9,6 +9,8 @@ import time
 from dataclasses import replace
 from typing import Any
 
+from benchmarks.clocks import Clocks
+from benchmarks.scene import default_config, shipped_plans, walls_of
 from rendezvous.errors import FloorplanError
 from rendezvous.exploration import episode as episode_room
 from rendezvous.exploration.explorer import Explorer
@@ -18,9 +20,6 @@ from rendezvous.simulation.world import Drive
 from rendezvous.slam.slam import Slam
 from rendezvous.stages import explore as stage
 from rendezvous.stages.dataset.sightings import sighting_rows
-
-from benchmarks.clocks import Clocks
-from benchmarks.scene import default_config, shipped_plans, walls_of
 
 
 def measure(options: argparse.Namespace) -> dict[str, Any]:

@@ -20,6 +20,9 @@ import cv2
 import numpy as np
 import pyarrow.parquet as pq
 import torch
+
+from benchmarks.scene import ROOT
+from benchmarks.training import synthetic_pairs
 from rendezvous.commands.export.sighting import export_sighting
 from rendezvous.commands.fuse.fuse import FuseRequest, _matcher, _refiner, fused
 from rendezvous.commands.fuse.inputs import mounting, read_camera, read_map, read_photograph
@@ -35,9 +38,6 @@ from rendezvous.interop.ros_map import write_ros_map
 from rendezvous.pose_estimation.pose_estimate import ImagePoseEstimator
 from rendezvous.schema import PAIRS
 from rendezvous.stages.weights.pose_source import PoseWeights
-
-from benchmarks.scene import ROOT
-from benchmarks.training import synthetic_pairs
 
 TARGET_S, TARGET_START_S = 1.0, 3.0
 SIGHTINGS = 5

@@ -9,6 +9,9 @@ from typing import Any
 
 import mujoco
 import numpy as np
+
+from benchmarks.clocks import side_by_side_s
+from benchmarks.scene import default_config, shipped_plans, walls_of
 from rendezvous.floorplan.furnish import furnish
 from rendezvous.floorplan.validate import start_regions
 from rendezvous.floorplan.walls import lidar_outline
@@ -18,9 +21,6 @@ from rendezvous.seeds import stream
 from rendezvous.simulation.rays import cast_rays, ray_scene
 from rendezvous.simulation.robot import beam_bearings
 from rendezvous.simulation.world import scene_mjcf
-
-from benchmarks.clocks import side_by_side_s
-from benchmarks.scene import default_config, shipped_plans, walls_of
 
 REPEATS = 15
 

@@ -6,12 +6,12 @@ import argparse
 from typing import Any
 
 import numpy as np
-from rendezvous.exploration.frontier import planning_map, reach
-from rendezvous.geometry.occupancy_grid import FREE
-from rendezvous.geometry.se2 import SE2
 from skimage.graph import MCP_Geometric
 
 from benchmarks.clocks import side_by_side_s
+from rendezvous.exploration.frontier import planning_map, reach
+from rendezvous.geometry.occupancy_grid import FREE
+from rendezvous.geometry.se2 import SE2
 
 REPEATS = 15
 

@@ -14,6 +14,10 @@ from functools import partial
 from itertools import islice
 from typing import Any
 
+from benchmarks import stock_pyrender
+from benchmarks.clocks import Clocks
+from benchmarks.memory import mib_each_tenth
+from benchmarks.scene import default_config, run_stage, shipped_plans
 from rendezvous.errors import FloorplanError
 from rendezvous.rendering.opengl.gl import renderer_name
 from rendezvous.rendering.opengl.renderer import Renderer
@@ -22,11 +26,6 @@ from rendezvous.seeds import stream
 from rendezvous.stages.dataset import pictures
 from rendezvous.stages.dataset.photos import photo_folder
 from rendezvous.store.read import StageReader
-
-from benchmarks import stock_pyrender
-from benchmarks.clocks import Clocks
-from benchmarks.memory import mib_each_tenth
-from benchmarks.scene import default_config, run_stage, shipped_plans
 
 _WARM_UP = 8
 _PARTS = (

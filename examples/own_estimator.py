@@ -5,10 +5,11 @@ It finds shifts and no rotation. The report is written to the folder `report`.
 
 import sys
 
+from skimage.registration import phase_cross_correlation
+
 import rendezvous
 from rendezvous import SE2, Estimate
 from rendezvous.alignment.window import OCCUPIED_CELL, MapWindow
-from skimage.registration import phase_cross_correlation
 
 
 class PhaseCorrelation:

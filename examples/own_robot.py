@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 import yaml
+
 from rendezvous.rendering.robot_model import SolidParts, robot_glb
 from rendezvous.rendering.scene import Material
 from rendezvous.resources import ROBOTS

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import matplotlib
 import pyarrow.parquet as pq
+
 from rendezvous.geometry.occupancy_grid import grid_from_png
 from rendezvous.schema import PAIRS
 

@@ -11,10 +11,11 @@ from pathlib import Path
 
 import pytest
 from hypothesis import settings
+from rich.console import Console
+
 from rendezvous.config.load import load_config
 from rendezvous.engine.pool import Engine
 from rendezvous.engine.run import Run
-from rich.console import Console
 
 ROOT = Path(__file__).parent.parent
 

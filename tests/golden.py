@@ -20,11 +20,11 @@ from typing import Any
 import mujoco
 import numba as nb
 import numpy as np
+
 from rendezvous.config.stage_table import DATASET_STAGES
 from rendezvous.engine.run import Run
 from rendezvous.stages import stage_function
 from rendezvous.store.read import StageReader
-
 from tests.conftest import run_in
 
 GOLDEN = Path(__file__).with_name("golden.json")

@@ -10,6 +10,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+
 from rendezvous.evaluation.metrics import pose_error
 from rendezvous.geometry.camera import PinholeCamera, camera_pose, se3_from_se2
 from rendezvous.geometry.cuboid import project_cuboid

@@ -9,6 +9,7 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
+
 from rendezvous.engine.run import Run, Task, part_name
 from rendezvous.schema import EXPLORE, POSES, VIEWS
 from rendezvous.stages.pack import LAYOUT
@@ -16,7 +17,6 @@ from rendezvous.stages.render import LAYOUT as RENDER_LAYOUT
 from rendezvous.store.read import chunks
 from rendezvous.store.records import Inputs, Quarantined, Shard
 from rendezvous.store.tables import column_types
-
 from tests.conftest import run_in
 from tests.synthetic import synthetic_pose, synthetic_row, synthetic_view
 

@@ -11,13 +11,12 @@ import pytest
 
 pytest.importorskip("torch")
 
+from benchmarks.fuse import _Costs, _fuse, _medians_ms, _synthetic
+from benchmarks.training import synthetic_pairs
 from rendezvous.fusion.refinement import Refinement, correlative_refiner
 from rendezvous.interop.camera_info import write_camera_info
 from rendezvous.training.frame_error.data import TrainingBatches
 from rendezvous.training.parameters import Sampling
-
-from benchmarks.fuse import _Costs, _fuse, _medians_ms, _synthetic
-from benchmarks.training import synthetic_pairs
 from tests.commands.fuse.test_fuse import Seeing
 from tests.synthetic import CAMERA
 

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numba.core.config
 import pytest
+
 import rendezvous
 from rendezvous import compiled
 

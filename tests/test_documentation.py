@@ -10,6 +10,8 @@ from types import SimpleNamespace
 
 import pytest
 import yaml
+from typer.testing import CliRunner
+
 from rendezvous.cli.__main__ import app
 from rendezvous.commands.export.sighting import export_sighting
 from rendezvous.config.sections import TrainSection
@@ -21,8 +23,6 @@ from rendezvous.schema import PAIRS, POSES
 from rendezvous.stages.pack import pack
 from rendezvous.stages.weights.pose_source import PoseWeights
 from rendezvous.store.read import StageReader
-from typer.testing import CliRunner
-
 from tests.commands.fuse.test_fuse import Seeing
 from tests.synthetic_dataset import explored, synthetic_run
 

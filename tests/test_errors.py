@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+
 from rendezvous.errors import SetupError, needs_extra
 
 

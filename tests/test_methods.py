@@ -5,6 +5,7 @@ from importlib.metadata import EntryPoint
 
 import numpy as np
 import pytest
+
 from rendezvous import methods
 from rendezvous.alignment.estimate import Estimate
 from rendezvous.alignment.window import FREE_CELL, MapWindow, SearchRange

@@ -11,9 +11,9 @@ import time
 from pathlib import Path
 
 import pytest
+
 from rendezvous.config.stage_table import DATASET_STAGES
 from rendezvous.store.read import StageReader
-
 from tests.conftest import ROOT, wait_until
 from tests.toy_stage import folder_content
 

@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
+
 import rendezvous
 from rendezvous.config.stage_table import DATASET_STAGES
 

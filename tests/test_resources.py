@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+
 from rendezvous.interop.houseexpo_files import count_plan_files, plan_files
 from rendezvous.resources import ROOT, located
 

@@ -5,9 +5,9 @@ import json
 import numpy as np
 import pyarrow as pa
 import pytest
+
 from rendezvous.geometry.se2 import SE2
 from rendezvous.schema import CUBOID_CORNER_SIGNS, EXPLORE, IMAGE_TYPE, PAIRS, VIEWS, Column, TableSchema
-
 from tests.synthetic import synthetic_row
 
 

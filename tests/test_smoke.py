@@ -13,13 +13,13 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from pytest import approx
+
 from rendezvous.evaluation.metrics import pose_error
 from rendezvous.geometry.camera import PinholeCamera, se3_from_se2
 from rendezvous.geometry.occupancy_grid import FREE, OccupancyGrid, grid_from_png, overlap
 from rendezvous.geometry.se2 import SE2
 from rendezvous.geometry.wall_agreement import wall_agreement
 from rendezvous.schema import PAIRS
-
 from tests import golden
 
 pytestmark = pytest.mark.slow

@@ -5,6 +5,7 @@ import hashlib
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from rendezvous.errors import SplitError
 from rendezvous.splits import plans_needed, split_of, split_plans
 

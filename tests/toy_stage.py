@@ -12,14 +12,14 @@ from functools import partial
 from pathlib import Path
 
 import pyarrow as pa
+from rich.console import Console
+
 from rendezvous.config.load import load_config
 from rendezvous.engine.pool import Engine
 from rendezvous.engine.run import Run, Task, part_name
 from rendezvous.seeds import stream
 from rendezvous.store.records import Inputs, Quarantined, Shard
 from rendezvous.store.tables import Layout
-from rich.console import Console
-
 from tests.conftest import ROOT
 
 STAGE = "floorplans"  # its folder; what is written there is ours

@@ -5,6 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from pytest import approx
+from scipy import stats
+
 from rendezvous.alignment.frame_error import (
     corrected,
     ellipsoid_probability,
@@ -17,7 +19,6 @@ from rendezvous.alignment.frame_error import (
     pose_difference,
 )
 from rendezvous.geometry.se2 import SE2
-from scipy import stats
 
 metres = st.floats(-12.0, 12.0)
 headings = st.floats(-3.1, 3.1)

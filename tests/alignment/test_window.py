@@ -5,6 +5,8 @@ import math
 import numpy as np
 import pytest
 from pytest import approx
+from scipy.ndimage import maximum_filter, minimum_filter
+
 from rendezvous.alignment.frame_error import perturbed
 from rendezvous.alignment.window import (
     FREE_CELL,
@@ -21,7 +23,6 @@ from rendezvous.alignment.window import (
 )
 from rendezvous.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from rendezvous.geometry.se2 import SE2, Array
-from scipy.ndimage import maximum_filter, minimum_filter
 
 WINDOW_VALUE = {UNKNOWN: UNKNOWN_CELL, FREE: FREE_CELL, OCCUPIED: OCCUPIED_CELL}
 

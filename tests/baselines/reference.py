@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.signal import fftconvolve
+
 from rendezvous.alignment.window import OCCUPIED_CELL, MapWindow
 from rendezvous.baselines.correlation import likelihood_field
 from rendezvous.geometry.se2 import Array
-from scipy.signal import fftconvolve
 
 
 def reference_scores(

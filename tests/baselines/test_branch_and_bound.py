@@ -3,11 +3,11 @@ import math
 import numpy as np
 import pytest
 from pytest import approx
+
 from rendezvous.alignment.window import FREE_CELL, OCCUPIED_CELL, MapWindow, SearchRange
 from rendezvous.baselines.branch_and_bound import Apart, ScoredCell, best_cell, block_bounds
 from rendezvous.baselines.correlation import BLOCK, Correlation, correlation
 from rendezvous.geometry.se2 import SE2, Array
-
 from tests.baselines.reference import reference_scores
 from tests.baselines.windows import real_window, window_with
 

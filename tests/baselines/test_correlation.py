@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pytest import approx
+
 from rendezvous.alignment.window import FREE_CELL, OCCUPIED_CELL, MapWindow, SearchRange
 from rendezvous.baselines.correlation import SCORE_SCALE, Correlation, correlation, likelihood_field
 from rendezvous.geometry.se2 import SE2
-
 from tests.baselines.reference import reference_scores
 from tests.baselines.windows import window_with
 

@@ -3,12 +3,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+
 from rendezvous.alignment.frame_error import pose_difference
 from rendezvous.alignment.window import FREE_CELL, OCCUPIED_CELL, MapWindow, SearchRange
 from rendezvous.baselines.branch_and_bound import Apart, best_cell, block_bounds
 from rendezvous.baselines.correlative import CorrelativeSearch
 from rendezvous.geometry.se2 import SE2
-
 from tests.baselines.windows import real_window, window_with, without_walls
 
 

@@ -3,11 +3,11 @@ import math
 import numpy as np
 import pytest
 from pytest import approx
+
 from rendezvous.alignment.frame_error import pose_difference
 from rendezvous.alignment.window import DEFAULT_SEARCH, FREE_CELL, OCCUPIED_CELL, MapWindow, SearchRange
 from rendezvous.baselines.hough import HoughSpectrum, agreement
 from rendezvous.geometry.se2 import SE2
-
 from tests.baselines.windows import real_window, window_with, without_walls
 
 IN_RANGE = HoughSpectrum(search=DEFAULT_SEARCH)

@@ -3,12 +3,12 @@ import math
 import numpy as np
 import pytest
 from pytest import approx
+
 from rendezvous.alignment.estimate import Identity
 from rendezvous.alignment.frame_error import pose_difference
 from rendezvous.alignment.window import OCCUPIED_CELL, MapWindow
 from rendezvous.baselines.orb import OrbRansac
 from rendezvous.geometry.se2 import SE2
-
 from tests.baselines.windows import real_window, window_with
 
 

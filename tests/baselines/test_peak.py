@@ -2,12 +2,12 @@ import math
 
 import numpy as np
 from pytest import approx
+
 from rendezvous.alignment.frame_error import pose_difference
 from rendezvous.alignment.window import FREE_CELL, OCCUPIED_CELL, MapWindow
 from rendezvous.baselines.correlative import motion_scores, peak_around
 from rendezvous.geometry.se2 import SE2
 from rendezvous.models.posterior import Gaussian
-
 from tests.baselines.windows import window_with
 
 

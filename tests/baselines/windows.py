@@ -6,12 +6,12 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
+
 from rendezvous.alignment.frame_error import perturbed
 from rendezvous.alignment.window import OCCUPIED_CELL, MapWindow, map_window
 from rendezvous.geometry.occupancy_grid import UNKNOWN, OccupancyGrid
 from rendezvous.geometry.se2 import SE2
 from rendezvous.interop.ros_map import read_ros_map
-
 from tests.synthetic import building, cut
 
 REAL_T_M0_M1 = SE2(5.79, -10.58, np.deg2rad(6.0))

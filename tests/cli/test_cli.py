@@ -11,8 +11,8 @@ from functools import partial
 from pathlib import Path
 
 import pytest
-from rendezvous.store.verify import verify
 
+from rendezvous.store.verify import verify
 from tests.conftest import ROOT, wait_until
 from tests.toy_stage import folder_content
 

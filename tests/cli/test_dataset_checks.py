@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from rendezvous.cli.__main__ import app
 from typer.testing import CliRunner
 
+from rendezvous.cli.__main__ import app
 from tests.conftest import ROOT
 
 

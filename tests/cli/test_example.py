@@ -5,12 +5,12 @@ from __future__ import annotations
 import shlex
 from pathlib import Path
 
+from typer.testing import CliRunner
+
 from rendezvous.cli.__main__ import app
 from rendezvous.config.load import load_config
 from rendezvous.resources import STAGES_YAML
 from rendezvous.robot_file import load_robot
-from typer.testing import CliRunner
-
 from tests.cli.test_cli import rendezvous
 
 

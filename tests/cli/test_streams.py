@@ -8,8 +8,8 @@ import sys
 from pathlib import Path
 
 import pytest
-from rendezvous.cli.streams import spell_out_what_the_encoding_lacks
 
+from rendezvous.cli.streams import spell_out_what_the_encoding_lacks
 from tests.cli.test_cli import generate, rendezvous
 
 

@@ -5,6 +5,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+
 from rendezvous.commands.inspect import Order, Selection, ShownTable, inspect
 from rendezvous.errors import ConfigError, StoreError
 from rendezvous.evaluation.pictures.canvas import SHEET_WIDTH_PX
@@ -15,7 +16,6 @@ from rendezvous.schema import EXPLORE, PAIRS, POSES, VIEWS, TableSchema
 from rendezvous.store.records import Inputs, Shard
 from rendezvous.store.tables import Layout
 from rendezvous.store.write import StageWriter
-
 from tests.floorplan.plans import RADIUS_M
 from tests.synthetic import synthetic_pose, synthetic_row, synthetic_view
 

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pytest
 import yaml
+
 from rendezvous.config.load import load_config
 from rendezvous.config.sections import Parameters
 from rendezvous.config.stage_table import DATASET_STAGES, STAGES
 from rendezvous.errors import ConfigError
-
 from tests.conftest import ROOT
 
 STAGES_YAML = ROOT / "stages.yaml"

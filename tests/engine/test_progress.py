@@ -6,9 +6,10 @@ import io
 import time
 
 import pytest
+from rich.console import Console
+
 from rendezvous.engine import progress
 from rendezvous.engine.progress import meter
-from rich.console import Console
 
 
 @pytest.fixture

@@ -16,13 +16,13 @@ from pathlib import Path
 
 import psutil
 import pytest
+
 from rendezvous.engine.pool import Engine
 from rendezvous.engine.run import Task, part_name
 from rendezvous.errors import PipelineError, SetupError, StoreError
 from rendezvous.store.disk import Disk
 from rendezvous.store.read import StageReader
 from rendezvous.store.verify import verify
-
 from tests.conftest import PATIENCE_S, ROOT, wait_until
 from tests.toy_stage import LAYOUT, STAGE, folder_content, item_names, run_of, toy_tasks
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from rendezvous.evaluation.metrics import distance_to_segments, ghost_cells, pose_error
 from rendezvous.geometry.occupancy_grid import FREE, OCCUPIED, OccupancyGrid
 from rendezvous.geometry.se2 import SE2

@@ -5,8 +5,9 @@ import math
 import numpy as np
 import pytest
 from pytest import approx
-from rendezvous.evaluation.statistics import Interval, bootstrap_mean, resample_weights, wilson_interval
 from scipy.stats import norm
+
+from rendezvous.evaluation.statistics import Interval, bootstrap_mean, resample_weights, wilson_interval
 
 
 def test_a_bootstrapped_mean_has_the_interval_of_the_normal_approximation():

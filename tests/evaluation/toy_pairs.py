@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import pandas as pd
+
 from rendezvous.alignment.estimate import Estimate
 from rendezvous.evaluation.frame_error.estimates import Outcome, outcome, outcome_table
 from rendezvous.geometry.occupancy_grid import grid_from_png
@@ -18,7 +19,6 @@ from rendezvous.training.frame_error.pairs import (
     evaluation_perturbation,
     perturbed_pair,
 )
-
 from tests.synthetic import synthetic_row
 
 

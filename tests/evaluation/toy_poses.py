@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import pandas as pd
+
 from rendezvous.evaluation.relative_pose.errors import ImageTruth, PoseOutcome, as_seen, pose_table
 from rendezvous.geometry.camera import camera_pose, se3_from_se2
 from rendezvous.geometry.se2 import SE2

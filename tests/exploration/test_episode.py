@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from pytest import approx
+
 from rendezvous.exploration import episode as episode_module
 from rendezvous.exploration.episode import Surroundings, furnished, run_episode
 from rendezvous.exploration.explorer import Explorer
@@ -23,7 +24,6 @@ from rendezvous.seeds import stream
 from rendezvous.simulation.rays import cast_rays
 from rendezvous.simulation.robot import RobotSpec, beam_bearings
 from rendezvous.simulation.world import Drive
-
 from tests.floorplan.plans import RADIUS_M
 from tests.simulation.scenes import burger
 

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from pytest import approx
+
 from rendezvous.exploration import goals as goals_module
 from rendezvous.exploration.explorer import Explorer
 from rendezvous.exploration.frontier import reach
@@ -12,7 +13,6 @@ from rendezvous.exploration.records import ExplorerParameters
 from rendezvous.simulation.rays import cast_rays, ray_scene
 from rendezvous.simulation.robot import RobotSpec, beam_bearings
 from rendezvous.slam.slam import SlamParameters
-
 from tests.simulation.scenes import burger, room_segments
 
 

@@ -4,6 +4,7 @@ import networkx as nx
 import numpy as np
 from numpy.typing import NDArray
 from pytest import approx
+
 from rendezvous.exploration.frontier import PlanningMap, frontiers, path_m, planning_map, reach
 from rendezvous.geometry import occupancy_grid as grid_values
 from rendezvous.geometry.se2 import SE2

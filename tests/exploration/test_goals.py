@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 from pytest import approx
+
 from rendezvous.exploration.explorer import _keeps_clear, _pursued
 from rendezvous.exploration.goals import Goals
 from rendezvous.exploration.records import ExplorerParameters

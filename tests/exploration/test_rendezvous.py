@@ -3,10 +3,10 @@ import math
 import numpy as np
 import pytest
 from pytest import approx
+
 from rendezvous.exploration.rendezvous import Sighting, cuboid_samples, sight
 from rendezvous.floorplan.walls import SightObstacles
 from rendezvous.geometry.se2 import SE2, Array
-
 from tests.simulation.scenes import burger
 
 

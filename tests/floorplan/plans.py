@@ -7,6 +7,7 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
+
 from rendezvous.floorplan.generate import generate_floorplan
 from rendezvous.floorplan.houseexpo import parse_floorplan
 from rendezvous.floorplan.records import Floorplan

@@ -5,10 +5,11 @@ import math
 import numpy as np
 import pytest
 import shapely
+from shapely.affinity import rotate, translate
+
 from rendezvous.floorplan.catalogue import Maker
 from rendezvous.floorplan.furnish import GENERIC, RECIPES, recipe_for
 from rendezvous.floorplan.records import DRIVE_UNDER_M, Shape, Solid
-from shapely.affinity import rotate, translate
 
 MAKERS = sorted(
     {make for recipe in (GENERIC, *RECIPES.values()) for make in (*recipe.first, *recipe.then)},

@@ -5,13 +5,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 import shapely
+
 from rendezvous.errors import FloorplanError
 from rendezvous.floorplan.furnish import _FloorSpace, _free_poses, _wall_spots, furnish
 from rendezvous.floorplan.records import Floorplan, Shape, Solid
 from rendezvous.floorplan.site import CELL_M, Site
 from rendezvous.floorplan.validate import reachable_space, start_regions, validated
 from rendezvous.seeds import stream
-
 from tests.floorplan.plans import RADIUS_M, TWO_ROOMS, generated, genuine, plan_of
 
 LIDAR_M = 0.182

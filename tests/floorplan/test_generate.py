@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 import shapely
+
 from rendezvous.errors import FloorplanError
 from rendezvous.floorplan.generate import GeneratorParameters, generate_floorplan, shipped_floorplans
 from rendezvous.floorplan.houseexpo import houseexpo_json, parse_floorplan
 from rendezvous.floorplan.records import Floorplan
 from rendezvous.floorplan.validate import reachable_space, start_regions, validated
 from rendezvous.seeds import stream
-
 from tests.floorplan.plans import RADIUS_M
 
 SHIPPED = Path(__file__).parents[2] / "floorplans"

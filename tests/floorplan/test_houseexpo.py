@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+
 from rendezvous.errors import FloorplanError
 from rendezvous.floorplan.houseexpo import houseexpo_json, parse_floorplan, to_houseexpo
 from rendezvous.floorplan.records import Floorplan, Room
 from rendezvous.floorplan.validate import validated
-
 from tests.floorplan.plans import RADIUS_M, TWO_ROOMS, generated
 
 SQUARE = [[0, 0], [4, 0], [4, 4], [0, 4]]

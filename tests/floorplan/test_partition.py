@@ -3,8 +3,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import shapely
-from rendezvous.floorplan.partition import footprint, is_compact, merged, shared_walls, subdivided
 from shapely import box
+
+from rendezvous.floorplan.partition import footprint, is_compact, merged, shared_walls, subdivided
 
 SHELL = box(0.0, 0.0, 12.0, 9.0)
 

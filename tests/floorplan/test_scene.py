@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 import shapely
 import trimesh
+
 from rendezvous.floorplan.furnish import furnish
 from rendezvous.floorplan.records import Floorplan, Shape, Solid
 from rendezvous.floorplan.scene import floorplan_scene, glb
 from rendezvous.floorplan.validate import validated
 from rendezvous.floorplan.walls import wall_polygon
 from rendezvous.seeds import stream
-
 from tests.floorplan.plans import RADIUS_M, TWO_ROOMS, generated, genuine, plan_of
 
 HASH_OF_A_SCENE = """

@@ -7,10 +7,10 @@ import pytest
 import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
+
 from rendezvous.errors import ConfigError, FloorplanError
 from rendezvous.floorplan.records import Floorplan
 from rendezvous.floorplan.validate import FloorplanLimits, reachable_space, start_regions, validated
-
 from tests.floorplan.plans import RADIUS_M, TWO_ROOMS, generated, genuine, plan_of
 
 AREA_M2 = 8.0 * 4.0 - 0.1 * (4.0 - 0.9)

@@ -5,12 +5,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import shapely
+
 from rendezvous.floorplan.furnish import furnish
 from rendezvous.floorplan.records import Floorplan, Shape, Solid
 from rendezvous.floorplan.validate import validated
 from rendezvous.floorplan.walls import lidar_outline, sight_obstacles, wall_boxes, wall_polygon
 from rendezvous.seeds import stream
-
 from tests.floorplan.plans import RADIUS_M, TWO_ROOMS, generated, genuine, plan_of
 
 HEIGHT_M = 1.0

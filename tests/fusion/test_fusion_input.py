@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+
 from rendezvous.alignment.frame_error import log_density
 from rendezvous.errors import SightingError
 from rendezvous.fusion.fusion_input import SightedPose, sighted_pose

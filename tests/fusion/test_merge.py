@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from rendezvous.errors import ConfigError, MapError
 from rendezvous.fusion.merge import CellEvidence, merged, on_common_grid, probabilistically_merged
 from rendezvous.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from rendezvous.geometry.se2 import SE2
-
 from tests.baselines.windows import REAL_T_M0_M1, real_maps
 from tests.fusion.grids import constant_grid, drawn_grid, grids, poses, shown
 

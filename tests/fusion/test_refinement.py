@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+
 from rendezvous.alignment.estimate import Estimate
 from rendezvous.alignment.frame_error import corrected, frame_error, initial_alignment, meeting_point
 from rendezvous.alignment.window import DEFAULT_SEARCH, ROBOT_CELL, MapWindow, SearchRange
@@ -19,7 +20,6 @@ from rendezvous.fusion.refinement import (
 )
 from rendezvous.geometry.se2 import SE2, Array
 from rendezvous.models.posterior import Gaussian
-
 from tests.fusion.grids import drawn_grid
 
 T_R0_R1 = SE2(0.7, 0.2, 2.0)

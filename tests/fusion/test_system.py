@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+
 from rendezvous.alignment.estimate import Estimate
 from rendezvous.alignment.frame_error import frame_error
 from rendezvous.alignment.window import DEFAULT_SEARCH, MapWindow
@@ -25,7 +26,6 @@ from rendezvous.geometry.occupancy_grid import UNKNOWN, OccupancyGrid
 from rendezvous.geometry.se2 import SE2
 from rendezvous.models.matcher_estimator import MatcherEstimator
 from rendezvous.stages.weights.trained_estimators import load
-
 from tests.baselines.windows import cuts, window_with
 from tests.conftest import ROOT
 from tests.fusion.test_fusion_input import pose_of, seen_at

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 from hypothesis import given
+
 from rendezvous.alignment.estimate import WRONG_M, WRONG_RAD, Estimate
 from rendezvous.alignment.window import DEFAULT_SEARCH
 from rendezvous.fusion.fusion_input import FusionInput, SightedMode, SightedPose, SlamSpread
@@ -21,7 +22,6 @@ from rendezvous.fusion.verdict import (
 )
 from rendezvous.geometry.occupancy_grid import FREE, UNKNOWN, OccupancyGrid
 from rendezvous.geometry.se2 import SE2, Array
-
 from tests.baselines.windows import REAL_T_M0_M1, cuts, real_maps
 from tests.fusion.grids import constant_grid, drawn_grid, grids, poses, shown
 

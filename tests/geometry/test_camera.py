@@ -5,6 +5,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 from pytest import approx
+
 from rendezvous.geometry.camera import (
     PinholeCamera,
     camera_pose,

@@ -3,6 +3,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
+
 from rendezvous.geometry.camera import PinholeCamera, rotation_from_rpy
 from rendezvous.geometry.cuboid import cuboid_points, pose_from_cuboid, project_cuboid
 

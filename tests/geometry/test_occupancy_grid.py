@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from pytest import approx
+
 from rendezvous.errors import MapError
 from rendezvous.geometry.occupancy_grid import (
     FREE,

@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from pytest import approx
+
 from rendezvous.errors import PipelineError
 from rendezvous.geometry.se2 import SE2, wrap_angle
 

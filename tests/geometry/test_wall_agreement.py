@@ -4,10 +4,10 @@ from functools import cache
 
 import numpy as np
 import pytest
+
 from rendezvous.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, grid_from_png
 from rendezvous.geometry.se2 import SE2
 from rendezvous.geometry.wall_agreement import wall_agreement
-
 from tests.synthetic import RESOLUTION_M, synthetic_row
 
 

@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 import pytest
 import trimesh
+
 from rendezvous.errors import PipelineError
 from rendezvous.geometry.cuboid import cuboid_points
 from rendezvous.interop.bop import (
@@ -23,7 +24,6 @@ from rendezvous.interop.bop import (
 from rendezvous.interop.pose_label import PoseLabel
 from rendezvous.rendering.robot_model import robot_parts
 from rendezvous.robot_file import ROBOTS, load_robot
-
 from tests.geometry.test_cuboid import CAMERA, SIZE_M, random_pose
 
 CORNERS_O_M = cuboid_points(SIZE_M)[:8]

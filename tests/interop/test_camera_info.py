@@ -6,6 +6,7 @@ import pytest
 import yaml
 from hypothesis import given
 from hypothesis import strategies as st
+
 from rendezvous.errors import CameraError
 from rendezvous.geometry.camera import PinholeCamera
 from rendezvous.interop.camera_info import CameraInfo, read_camera_info, write_camera_info

@@ -1,6 +1,7 @@
 import cv2
 import numpy as np
 import pytest
+
 from rendezvous.interop.decoding import decoded, is_whole, is_whole_png
 
 PNG = cv2.imencode(".png", np.random.default_rng(0).integers(0, 256, (9, 13), np.uint8))[1].tobytes()

@@ -5,11 +5,11 @@ import json
 import cv2
 import numpy as np
 import pytest
+
 from rendezvous.errors import PipelineError
 from rendezvous.geometry.camera import PinholeCamera
 from rendezvous.interop.dope_json import dope_document, dope_json, read_dope_document
 from rendezvous.interop.pose_label import PoseLabel
-
 from tests.geometry.test_cuboid import CAMERA, SIZE_M, error, random_pose
 
 BOX_PX = (99.5, 49.5, 200.5, 150.5)

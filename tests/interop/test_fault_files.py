@@ -6,6 +6,7 @@ import warnings
 from pathlib import Path
 
 import pytest
+
 from rendezvous.errors import FloorplanError, MapError
 from rendezvous.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN
 from rendezvous.interop.camera_info import read_camera_info

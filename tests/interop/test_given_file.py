@@ -2,6 +2,7 @@ import os
 from pathlib import Path
 
 import pytest
+
 from rendezvous.interop.given_file import given_bytes
 
 

@@ -9,6 +9,7 @@ import tarfile
 from pathlib import Path
 
 import pytest
+
 from rendezvous.errors import ConfigError, FloorplanError
 from rendezvous.interop.houseexpo_files import (
     LARGEST_PLAN_BYTES,

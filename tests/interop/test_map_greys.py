@@ -9,6 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+
 from rendezvous.errors import MapError
 from rendezvous.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN
 from rendezvous.interop.ros_map import read_ros_map

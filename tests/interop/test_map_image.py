@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from rendezvous.errors import MapError
 from rendezvous.interop.map_image import read_map_image
 

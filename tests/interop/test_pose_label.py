@@ -2,10 +2,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+
 from rendezvous.errors import PipelineError
 from rendezvous.interop.pose_label import label_of
 from rendezvous.schema import PAIRS, POSES
-
 from tests.stages.published_images import ABSENT, CAMERA, HIDDEN, pair_row, pose_row
 
 

@@ -4,6 +4,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from torch import Tensor
+
 from rendezvous.alignment.window import FREE_CELL, OCCUPIED_CELL, MapWindow
 from rendezvous.errors import ConfigError
 from rendezvous.geometry.se2 import SE2
@@ -18,8 +20,6 @@ from rendezvous.models.frame_error_network import (
     output_pose,
 )
 from rendezvous.models.losses import frame_error_loss
-from torch import Tensor
-
 from tests.models.worlds import batch
 
 SMALL = {

@@ -3,11 +3,12 @@ import math
 import numpy as np
 import pytest
 import torch
-from rendezvous.geometry.se2 import SE2, wrap_angle
-from rendezvous.models import lie
 from scipy.linalg import expm, logm
 from torch import Tensor
 from torch.autograd import gradcheck
+
+from rendezvous.geometry.se2 import SE2, wrap_angle
+from rendezvous.models import lie
 
 TURNS_RAD = [0.0, 1e-12, -1e-7, 1e-3, 0.0499, -0.0501, 0.4, -1.7, 3.0, 3.1415, -3.1415]
 """Around zero, on both sides of where the series ends, and up to the half turn."""

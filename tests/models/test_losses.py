@@ -4,6 +4,10 @@ import math
 import numpy as np
 import pytest
 import torch
+from scipy.linalg import expm, logm
+from torch import Tensor, nn
+from torch.autograd import gradcheck
+
 from rendezvous.geometry.se2 import SE2
 from rendezvous.models import lie
 from rendezvous.models.frame_error_network import input_grid, output_pose
@@ -15,10 +19,6 @@ from rendezvous.models.losses import (
     warp,
 )
 from rendezvous.models.table_one import ABLATION_ROWS
-from scipy.linalg import expm, logm
-from torch import Tensor, nn
-from torch.autograd import gradcheck
-
 from tests.models.worlds import misplaced, rooms
 
 CELL_M = 0.1

@@ -6,6 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from torch import Tensor, nn
+
 from rendezvous.alignment.frame_error import pose_difference
 from rendezvous.alignment.window import OCCUPIED_CELL, OPEN_CELL, MapWindow, SearchRange
 from rendezvous.errors import ConfigError
@@ -15,8 +17,6 @@ from rendezvous.models.matcher_calibration import MatcherCalibration
 from rendezvous.models.matcher_estimator import MatcherEstimator
 from rendezvous.models.matcher_loss import LossSampling, matcher_loss
 from rendezvous.models.posterior import Gaussian
-from torch import Tensor, nn
-
 from tests.models.worlds import misplaced, rooms
 
 SMALL = MatcherConfig(

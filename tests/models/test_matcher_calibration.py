@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+
 from rendezvous.alignment.frame_error import ellipsoid_probability, nees
 from rendezvous.alignment.window import SearchRange
 from rendezvous.errors import ConfigError
@@ -22,7 +23,6 @@ from rendezvous.models.matcher_calibration import (
 )
 from rendezvous.models.matcher_estimator import MatcherEstimator
 from rendezvous.models.posterior import Gaussian, Posterior, RefinedPosterior
-
 from tests.models.worlds import misplaced, rooms
 
 SMALL = MatcherConfig(cell_m=0.1, coarse_factor=2, fine_factor=1, channels=8, dilations=(1,))

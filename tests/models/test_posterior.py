@@ -4,9 +4,10 @@ import math
 
 import numpy as np
 import pytest
+from scipy import stats
+
 from rendezvous.geometry.se2 import SE2, wrap_angle
 from rendezvous.models.posterior import WHOLE, Gaussian, Posterior, RefinedPosterior, log_prior
-from scipy import stats
 
 SHAPE = np.array([[0.010, 0.004, 0.001], [0.004, 0.006, -0.001], [0.001, -0.001, 0.003]])
 

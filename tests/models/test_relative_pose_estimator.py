@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import pytest
 import torch
+
 from rendezvous.geometry.camera import Image, PinholeCamera
 from rendezvous.geometry.se2 import Array
 from rendezvous.models.relative_pose_estimator import (
@@ -21,7 +22,6 @@ from rendezvous.pose_estimation.cuboids import detect_cuboids
 from rendezvous.pose_estimation.look import Look
 from rendezvous.pose_estimation.observation_model import ObservationModel
 from rendezvous.pose_estimation.peaks import belief_peaks
-
 from tests.pose_estimation.observations import CAMERA, burger, error, maps_of, observation, state
 
 IMAGE = np.zeros((480, 640, 3), np.uint8)

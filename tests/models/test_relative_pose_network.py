@@ -8,6 +8,8 @@ from itertools import pairwise
 import pytest
 import torch
 import yaml
+from torch import nn
+
 from rendezvous.errors import ConfigError
 from rendezvous.models.relative_pose_network import (
     RelativePoseConfig,
@@ -15,8 +17,6 @@ from rendezvous.models.relative_pose_network import (
     StageMaps,
     relative_pose_loss,
 )
-from torch import nn
-
 from tests.conftest import ROOT
 
 

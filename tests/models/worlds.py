@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import torch
+from torch import Tensor
+
 from rendezvous.alignment.frame_error import perturbed
 from rendezvous.alignment.window import MapWindow, map_window
 from rendezvous.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from rendezvous.geometry.se2 import SE2
-from torch import Tensor
 
 
 def rooms(rng: np.random.Generator, *, cells: int = 160, resolution_m: float = 0.1) -> OccupancyGrid:

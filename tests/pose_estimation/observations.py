@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+
 from rendezvous.geometry.camera import PinholeCamera, camera_pose
 from rendezvous.geometry.se2 import SE2, Array
 from rendezvous.pose_estimation.cuboids import DetectedCuboid, detect_cuboids

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+
 from rendezvous.pose_estimation.covered import covered_image
 
 

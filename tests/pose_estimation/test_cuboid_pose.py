@@ -2,11 +2,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+
 from rendezvous.geometry.se2 import SE2, Array
 from rendezvous.pose_estimation.cuboid_pose import Reading, readings_in_space, readings_on_floor
 from rendezvous.pose_estimation.keypoint_evidence import KeypointNoise, evidence_of
 from rendezvous.pose_estimation.observation_model import ObservationModel
-
 from tests.pose_estimation.observations import (
     EXACT,
     Seen,

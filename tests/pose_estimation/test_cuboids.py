@@ -2,11 +2,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+
 from rendezvous.geometry.cuboid import project_cuboid
 from rendezvous.pose_estimation.cuboids import detect_cuboids
 from rendezvous.pose_estimation.dope_labels import belief_maps, vector_fields
 from rendezvous.pose_estimation.peaks import Peaks, belief_peaks
-
 from tests.geometry.test_cuboid import CAMERA, SIZE_M
 
 STRIDE_PX = 8

@@ -3,9 +3,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from PIL import Image, ImageDraw
+
 from rendezvous.geometry.cuboid import pose_from_cuboid, project_cuboid
 from rendezvous.pose_estimation.dope_labels import belief_maps, vector_fields
-
 from tests.geometry.test_cuboid import CAMERA, SIZE_M, random_pose
 
 SIZE_PX, STRIDE_PX = 400, 8

@@ -2,9 +2,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+
 from rendezvous.geometry.se2 import SE2
 from rendezvous.pose_estimation.floor_search import floor_poses, same_place
-
 from tests.pose_estimation.observations import (
     Seen,
     burger,

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+
 from rendezvous.pose_estimation.keypoint_evidence import KeypointNoise, evidence_of
 from rendezvous.pose_estimation.look import Look
 from rendezvous.pose_estimation.peaks import Peaks

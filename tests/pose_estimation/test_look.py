@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+
 from rendezvous.pose_estimation.look import Look
 
 POINT_PX = np.array([210.3, 155.7])

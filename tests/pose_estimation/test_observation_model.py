@@ -2,11 +2,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+
 from rendezvous.geometry.camera import se3_from_se2
 from rendezvous.geometry.cuboid import project_cuboid
 from rendezvous.geometry.se2 import SE2
 from rendezvous.pose_estimation.observation_model import tilt_rotations
-
 from tests.geometry.test_cuboid import random_pose
 from tests.pose_estimation.observations import CAMERA, burger, observation, state
 

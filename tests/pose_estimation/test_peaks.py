@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+
 from rendezvous.pose_estimation.dope_labels import belief_maps
 from rendezvous.pose_estimation.peaks import belief_peaks
 

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+
 from rendezvous.alignment.frame_error import ellipsoid_probability, nees
 from rendezvous.errors import ConfigError
 from rendezvous.geometry.se2 import SE2, Array
@@ -17,7 +18,6 @@ from rendezvous.pose_estimation.pose_calibration_fit import (
     with_score,
     with_sharpness,
 )
-
 from tests.pose_estimation.observations import observation, seen_points, shaken, state
 
 

@@ -2,11 +2,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+
 from rendezvous.geometry.se2 import Array
 from rendezvous.pose_estimation.keypoint_evidence import KeypointEvidence, KeypointNoise
 from rendezvous.pose_estimation.observation_model import ObservationModel
 from rendezvous.pose_estimation.state_refinement import lean_precision, refine
-
 from tests.pose_estimation.observations import observation, seen_points, shaken, state
 
 NOISE = KeypointNoise(floor_cells=0.2, scale=0.0)

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import pytest
+
 from rendezvous.errors import SetupError
 from rendezvous.rendering.opengl.gl import check_libraries
 from rendezvous.rendering.opengl.renderer import Renderer
-
 from tests.rendering.scenes import CAMERA, pool, textures
 
 

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+
 from rendezvous.rendering.opengl.renderer import Renderer
 from rendezvous.rendering.scene import Scene
-
 from tests.rendering.scenes import CAMERA, crowded_scene, pool, textures
 
 GOLDEN = Path(__file__).parent / "golden.png"

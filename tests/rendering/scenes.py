@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import trimesh
 from PIL import Image as PilImage
+
 from rendezvous.geometry.camera import PinholeCamera, camera_pose, se3_from_se2
 from rendezvous.geometry.se2 import SE2, Array
 from rendezvous.rendering.plan_scene import BOX, plan_meshes

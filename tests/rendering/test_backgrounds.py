@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+
 from rendezvous.rendering.appearance.textures import texture_pool
 from rendezvous.rendering.backgrounds import draw_background, photo_background, room_background
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import shapely
+
 from rendezvous.rendering.distractors import THINGS, place_on_floor
 from rendezvous.rendering.plan_scene import plan_meshes
 from rendezvous.rendering.thing_meshes import thing_meshes

@@ -4,6 +4,7 @@ from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
+
 from rendezvous.errors import PipelineError
 from rendezvous.rendering.appearance.colour import (
     LUMINANCE,

@@ -6,6 +6,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+
 from rendezvous.rendering.appearance.textures import texture_pool
 from rendezvous.rendering.draws import PoseDraws
 from rendezvous.rendering.free_scenes import T_W_C, draw_free, draw_pose

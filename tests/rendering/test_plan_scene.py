@@ -3,6 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import trimesh
+
 from rendezvous.floorplan.furnish import furnish
 from rendezvous.floorplan.records import Shape, Solid
 from rendezvous.floorplan.walls import wall_boxes
@@ -20,7 +21,6 @@ from rendezvous.rendering.plan_scene import (
 from rendezvous.rendering.scene import Material, Scene
 from rendezvous.rendering.viewpoints import furnished_plan
 from rendezvous.seeds import stream
-
 from tests.floorplan.plans import RADIUS_M, TWO_ROOMS, generated, plan_of
 from tests.rendering.scenes import CAMERA, GREY, WHITE, facing_x, looking_down, scene_of, sun
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import shapely
 import trimesh
+
 from rendezvous.errors import FloorplanError
 from rendezvous.floorplan.furnish import furnish
 from rendezvous.floorplan.records import Shape, Solid
@@ -28,7 +29,6 @@ from rendezvous.rendering.scene import LightKind, Material
 from rendezvous.rendering.thing_meshes import thing_meshes
 from rendezvous.rendering.viewpoints import draw_robot_poses, furnished_plan
 from rendezvous.robot_file import load_robot
-
 from tests.floorplan.plans import generated, plan_of
 
 BURGER = load_robot("burger")

@@ -4,6 +4,7 @@ from enum import StrEnum
 
 import numpy as np
 import pytest
+
 from rendezvous.rendering.record import plain
 from rendezvous.rendering.scene import Material
 

@@ -7,6 +7,8 @@ import mujoco
 import numpy as np
 import pytest
 import trimesh
+from trimesh.visual.material import PBRMaterial
+
 from rendezvous.errors import ConfigError
 from rendezvous.rendering.robot_model import (
     check_inside_cuboid,
@@ -18,7 +20,6 @@ from rendezvous.rendering.robot_model import (
 from rendezvous.rendering.scene import Material
 from rendezvous.robot_file import ROBOTS, load_robot
 from rendezvous.simulation.robot import Cuboid
-from trimesh.visual.material import PBRMaterial
 
 BURGER = ROBOTS / "burger"
 BLUE = Material(base_colour_rgb=(0.1, 0.2, 0.7), metallic=0.25, roughness=0.4)

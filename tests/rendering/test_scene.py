@@ -2,9 +2,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+
 from rendezvous.errors import PipelineError
 from rendezvous.rendering.scene import Material, robot_view
-
 from tests.rendering.scenes import placed, scene_of, sun
 
 

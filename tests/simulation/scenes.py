@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+
 from rendezvous.floorplan.records import Shape, Solid
 from rendezvous.geometry.se2 import Array
 from rendezvous.robot_file import load_robot

@@ -7,12 +7,12 @@ import mujoco
 import numpy as np
 import pytest
 from pytest import approx
+
 from rendezvous.floorplan.records import Solid
 from rendezvous.geometry.se2 import SE2, Array
 from rendezvous.simulation.drive import TICK_S, Encoder, Nearby, OdometryNoise, Physics
 from rendezvous.simulation.world import Drive, scene_mjcf
 from rendezvous.slam.slam import WheelOdometry
-
 from tests.simulation.scenes import burger, pole, wall
 
 

@@ -4,13 +4,13 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 from pytest import approx
+
 from rendezvous.floorplan.records import Floorplan, Shape
 from rendezvous.floorplan.walls import lidar_outline
 from rendezvous.geometry.se2 import SE2, Array
 from rendezvous.simulation.rays import cast_rays, ray_scene
 from rendezvous.simulation.robot import LidarSpec, beam_bearings, noisy_ranges
 from rendezvous.simulation.world import scene_mjcf
-
 from tests.simulation.scenes import burger, pole, room_segments, wall
 
 NO_CIRCLES = np.zeros((0, 3))

@@ -5,9 +5,9 @@ from typing import Any
 
 import pytest
 from pytest import approx
+
 from rendezvous.errors import ConfigError
 from rendezvous.robot_file import ROBOTS, load_robot
-
 from tests.simulation.scenes import burger
 
 

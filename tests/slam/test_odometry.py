@@ -2,6 +2,7 @@ import math
 
 import pytest
 from pytest import approx
+
 from rendezvous.slam.slam import WheelOdometry
 
 

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 from pytest import approx
+
 from rendezvous.errors import ConfigError
 from rendezvous.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN
 from rendezvous.geometry.se2 import Array
@@ -15,7 +16,6 @@ from rendezvous.slam.mapping import MappingParameters, OccupancyMapper
 from rendezvous.slam.scan_match import MatchParameters, match_scan, scan_normals
 from rendezvous.slam.slam import Slam, SlamParameters, Sweep, compose, deskew, open_space, relative
 from rendezvous.slam.surface_map import SurfaceMap
-
 from tests.simulation.scenes import burger, room_segments
 
 LIDAR = burger().lidar

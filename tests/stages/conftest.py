@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from rendezvous.stages.pack import pack
 
+from rendezvous.stages.pack import pack
 from tests.synthetic_dataset import explored, synthetic_run
 
 

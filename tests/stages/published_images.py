@@ -10,13 +10,13 @@ from typing import Any
 import cv2
 import numpy as np
 import pyarrow.parquet as pq
+from typer.testing import CliRunner
+
 from rendezvous.cli.__main__ import app
 from rendezvous.commands.export.image_folder import BATCH_IMAGES
 from rendezvous.geometry.cuboid import project_cuboid
 from rendezvous.robot_file import load_robot
 from rendezvous.schema import PAIRS, POSES, TableSchema
-from typer.testing import CliRunner
-
 from tests.geometry.test_cuboid import random_pose
 from tests.synthetic import synthetic_row
 

@@ -5,6 +5,7 @@ from importlib import import_module
 from pathlib import Path
 
 import pytest
+
 from rendezvous.engine.run import Run
 from rendezvous.errors import FloorplanError
 from rendezvous.exploration.records import Episode
@@ -17,7 +18,6 @@ from rendezvous.seeds import stream
 from rendezvous.stages.explore import explore
 from rendezvous.stages.floorplans import floorplans
 from rendezvous.stages.meshes import meshes
-
 from tests.conftest import MakeRun, run_in
 
 ONE_PLAN = (

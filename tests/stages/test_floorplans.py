@@ -11,6 +11,7 @@ import tracemalloc
 from pathlib import Path
 
 import pytest
+
 from rendezvous.engine.run import Run
 from rendezvous.errors import ConfigError, FloorplanError
 from rendezvous.floorplan.houseexpo import to_houseexpo
@@ -19,7 +20,6 @@ from rendezvous.interop.houseexpo_files import plan_files
 from rendezvous.plan_schema import plan_of
 from rendezvous.stages.floorplans import floorplans
 from rendezvous.store.read import StageReader
-
 from tests.conftest import MakeRun
 from tests.floorplan.plans import RADIUS_M
 from tests.toy_stage import folder_content

@@ -12,6 +12,7 @@ import mujoco
 import numpy as np
 import pytest
 import trimesh
+
 from rendezvous.commands.export.plan import export_floorplans, export_plan
 from rendezvous.engine.run import Run
 from rendezvous.errors import FloorplanError, StoreError
@@ -21,7 +22,6 @@ from rendezvous.plan_schema import plan_of, solids_of
 from rendezvous.seeds import stream
 from rendezvous.stages.floorplans import floorplans
 from rendezvous.stages.meshes import meshes
-
 from tests.conftest import ROOT, MakeRun, run_in
 
 SMALL = [

@@ -10,12 +10,12 @@ from typing import Any
 
 import pyarrow as pa
 import pytest
+
 from rendezvous import schema
 from rendezvous.config.stage_table import DATASET_STAGES
 from rendezvous.errors import StoreError
 from rendezvous.stages import stage_function
 from rendezvous.store.records import Shard
-
 from tests.conftest import run_in
 from tests.synthetic_dataset import POSE_ROWS, ROWS, VIEW_ROWS
 

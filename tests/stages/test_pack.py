@@ -10,13 +10,13 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+
 from rendezvous.engine.run import part_name
 from rendezvous.errors import SplitError, StoreError
 from rendezvous.schema import PAIRS, POSES, VIEWS
 from rendezvous.splits import SPLITS
 from rendezvous.stages.pack import LAYOUT, pack
 from rendezvous.store.write import StageWriter
-
 from tests.synthetic_dataset import (
     PARAMETERS,
     PLANS,

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import trimesh
 import yaml
+
 from rendezvous.errors import ConfigError, SetupError, StoreError
 from rendezvous.geometry.cuboid import pose_from_cuboid
 from rendezvous.geometry.se2 import SE2
@@ -24,7 +25,6 @@ from rendezvous.stages.floorplans import floorplans
 from rendezvous.stages.meshes import meshes
 from rendezvous.stages.render import render
 from rendezvous.store.read import StageReader
-
 from tests.conftest import MakeRun, run_in
 
 ONE_PLAN = (

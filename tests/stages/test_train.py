@@ -13,6 +13,9 @@ from pathlib import Path
 
 import pytest
 import torch
+from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+from typer.testing import CliRunner
+
 from rendezvous.cli.__main__ import app
 from rendezvous.errors import ConfigError, PipelineError, StoreError
 from rendezvous.stages.train import train
@@ -21,9 +24,6 @@ from rendezvous.store.disk import Disk
 from rendezvous.training.checkpoint import fit_weights_in_place, read_checkpoint, with_record
 from rendezvous.training.frame_error.registry import rebuilt_model
 from rendezvous.training.parameters import Sampling
-from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
-from typer.testing import CliRunner
-
 from tests.conftest import ROOT, run_in, wait_until
 
 SMALL = {"cells": 48, "width": 16, "depth": 1, "heads": 2}

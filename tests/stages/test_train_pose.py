@@ -12,6 +12,9 @@ from pathlib import Path
 import pytest
 import safetensors.torch
 import torch
+from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+from typer.testing import CliRunner
+
 from rendezvous.cli.__main__ import app
 from rendezvous.errors import ConfigError, PipelineError, StoreError
 from rendezvous.models.relative_pose_network import RelativePoseConfig, RelativePoseNet
@@ -22,9 +25,6 @@ from rendezvous.store.read import StageReader
 from rendezvous.training.checkpoint import fit_weights_in_place, read_checkpoint
 from rendezvous.training.published_rows import rows_per_split
 from rendezvous.training.relative_pose.model import PoseModel
-from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
-from typer.testing import CliRunner
-
 from tests.conftest import ROOT, run_in, wait_until
 from tests.synthetic_dataset import POSE_ROWS, explored, rendered, synthetic_run
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+
 from rendezvous.geometry.camera import Image, PinholeCamera, se3_from_se2
 from rendezvous.geometry.se2 import SE2, Array
 from rendezvous.pose_estimation.pose_estimate import ImagePoseEstimator, PoseMode, RelativePose

@@ -12,6 +12,7 @@ from pathlib import Path
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+
 from rendezvous.errors import StoreError
 from rendezvous.store.disk import Disk
 from rendezvous.store.read import Item, StageReader, chunks

@@ -10,6 +10,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+
 from rendezvous.store.tables import column_types, content_digest, item_digests
 
 IMAGE = pa.struct([("bytes", pa.binary()), ("path", pa.string())])

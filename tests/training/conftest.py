@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 import torch
+
 from rendezvous.stages.pack import pack
 from rendezvous.store.read import StageReader
 from rendezvous.training.frame_error.pairs import PairTable, read_pairs
 from rendezvous.training.relative_pose.poses import PoseTable, read_poses
-
 from tests.synthetic_dataset import explored, synthetic_run
 
 SHARES = ("pack.validation_fraction=0.1", "pack.test_fraction=0.1")

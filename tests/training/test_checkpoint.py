@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 import torch
+
 from rendezvous.errors import ConfigError, StoreError
 from rendezvous.training.checkpoint import (
     checkpoint_bytes,
@@ -15,7 +16,6 @@ from rendezvous.training.checkpoint import (
 from rendezvous.training.frame_error.registry import FrameErrorPoint
 from rendezvous.training.loop import TrainingState
 from rendezvous.training.parameters import Optimisation
-
 from tests.training.tiny import TinyModel, tiny_model
 
 POINT = FrameErrorPoint(

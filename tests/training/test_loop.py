@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 import torch
+
 from rendezvous.errors import ConfigError
 from rendezvous.training.batches import training_loader
 from rendezvous.training.checkpoint import checkpoint_bytes, read_checkpoint, restore_in_place
@@ -14,7 +15,6 @@ from rendezvous.training.frame_error.data import TrainingBatches
 from rendezvous.training.frame_error.pairs import PairTable
 from rendezvous.training.loop import Processes, TrainingState, adamw, fit, learning_rate, update_average
 from rendezvous.training.parameters import Budget, Optimisation
-
 from tests.training.tiny import SAMPLING, Losses, tiny_model
 
 SETTINGS = Optimisation(batch_size=4, learning_rate=1e-2)

@@ -7,12 +7,13 @@ from typing import Any
 
 import pytest
 import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
 from rendezvous.training.frame_error.data import Batch
 from rendezvous.training.frame_error.registry import FrameErrorModel
 from rendezvous.training.loop import Step, TrainingState
 from rendezvous.training.parameters import Sampling
-from torch import Tensor, nn
-from torch.nn import functional
 
 SAMPLING = Sampling(window_cells=48, window_cell_m=0.4)
 

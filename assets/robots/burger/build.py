@@ -13,13 +13,14 @@ from pathlib import Path
 
 import numpy as np
 import shapely
+from shapely import affinity
+
 from rendezvous.geometry.se2 import SE2
 from rendezvous.rendering.robot_model import SolidParts, at, robot_glb
 from rendezvous.rendering.scene import Material
 from rendezvous.robot_file import load_robot
 from rendezvous.simulation.robot import RobotSpec
 from rendezvous.simulation.world import scene_mjcf
-from shapely import affinity
 
 HERE = Path(__file__).parent
 

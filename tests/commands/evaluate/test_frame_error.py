@@ -26,7 +26,6 @@ from rendezvous.training.frame_error.pairs import (
     perturbed_pair,
     read_pairs,
 )
-
 from tests.commands.evaluate.toy_evaluation import evaluated, mean_error, toy_dataset
 from tests.synthetic_dataset import synthetic_run
 

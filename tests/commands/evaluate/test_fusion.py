@@ -23,7 +23,6 @@ from rendezvous.stages.pack import pack
 from rendezvous.stages.training.seen_images import SIGHTING, read_images
 from rendezvous.store.read import StageReader
 from rendezvous.training.frame_error.pairs import read_pairs
-
 from tests.commands.evaluate.toy_evaluation import toy_dataset
 from tests.evaluation.pages import require_self_contained
 from tests.stages.toy_sources import ToySource

@@ -16,7 +16,6 @@ from rendezvous.commands.evaluate import measured_pairs, measuring
 from rendezvous.methods import own_method
 from rendezvous.stages.weights.estimators import SelectedMethod, select_methods
 from rendezvous.training.frame_error.pairs import PerturbationRange, read_pairs
-
 from tests.commands.evaluate.toy_evaluation import TINY_VIT, toy_dataset, trained_weights
 from tests.synthetic_dataset import synthetic_run
 

@@ -4,8 +4,9 @@ import io
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 
-from rendezvous.commands.evaluate.measuring import EvaluationSettings, Measurement, measured
 from rich.console import Console
+
+from rendezvous.commands.evaluate.measuring import EvaluationSettings, Measurement, measured
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 
 import pytest
+
 from rendezvous.commands.evaluate.frame_error import RECORDS
 from rendezvous.commands.evaluate.fusion import FUSION_RECORDS
 from rendezvous.commands.evaluate.recorded import RecordFolder

@@ -21,7 +21,6 @@ from rendezvous.geometry.se2 import SE2
 from rendezvous.stages.pack import pack
 from rendezvous.stages.training.seen_images import PLAUSIBLE, SIGHTING, read_images
 from rendezvous.store.read import StageReader
-
 from tests.commands.evaluate.toy_evaluation import toy_dataset
 from tests.evaluation.pages import require_self_contained
 from tests.stages.toy_sources import ToySource

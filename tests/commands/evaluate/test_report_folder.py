@@ -5,11 +5,12 @@ import json
 
 import pytest
 from markupsafe import Markup
+from rich.console import Console
+
 from rendezvous.commands.evaluate.report_folder import keep_evaluation, kept_metrics
 from rendezvous.errors import StoreError
 from rendezvous.evaluation.report.page import ReportPart
 from rendezvous.store.disk import Disk
-from rich.console import Console
 
 
 def _keep(folder, key: str, words: str) -> str:

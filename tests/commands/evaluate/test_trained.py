@@ -26,7 +26,6 @@ from rendezvous.training.frame_error.pairs import (
 )
 from rendezvous.training.frame_error.registry import build_model
 from rendezvous.training.parameters import Sampling
-
 from tests.commands.evaluate.toy_evaluation import (
     TINY_MATCHER,
     TINY_VIT,

@@ -8,10 +8,10 @@ from dataclasses import asdict
 from pathlib import Path
 
 import pytest
-from rendezvous.commands.evaluate.frame_error import Evaluation, evaluate
-from rendezvous.stages.pack import pack
 from rich.console import Console
 
+from rendezvous.commands.evaluate.frame_error import Evaluation, evaluate
+from rendezvous.stages.pack import pack
 from tests.synthetic_dataset import explored, synthetic_run
 
 TINY_VIT = {"cells": 48, "width": 32, "depth": 1, "heads": 2}

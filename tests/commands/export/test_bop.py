@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 import pytest
 import trimesh
-from rendezvous.robot_file import ROBOTS
 
+from rendezvous.robot_file import ROBOTS
 from tests.stages.published_images import (
     ABSENT,
     BURGER,

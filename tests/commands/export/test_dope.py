@@ -9,11 +9,11 @@ import cv2
 import numpy as np
 import pytest
 import yaml
+from rich.console import Console
+
 from rendezvous.commands.export.dataset_images import ImageTable, Split
 from rendezvous.commands.export.dope import export_dope
 from rendezvous.interop.dope_json import read_dope_document
-from rich.console import Console
-
 from tests.geometry.test_cuboid import error
 from tests.stages.published_images import (
     ABSENT,

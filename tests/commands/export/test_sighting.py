@@ -8,6 +8,8 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 import pytest
+from typer.testing import CliRunner
+
 from rendezvous.cli.__main__ import app
 from rendezvous.commands.export.sighting import _best_seen, export_sighting
 from rendezvous.geometry.camera import camera_pose
@@ -18,8 +20,6 @@ from rendezvous.interop.ros_map import read_ros_map
 from rendezvous.schema import PAIRS
 from rendezvous.stages.pack import pack
 from rendezvous.store.read import StageReader
-from typer.testing import CliRunner
-
 from tests.stages.published_images import exported, rendezvous
 from tests.synthetic_dataset import explored, rendered, synthetic_run
 

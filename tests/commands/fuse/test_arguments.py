@@ -3,6 +3,7 @@
 import math
 
 import pytest
+
 from rendezvous.commands.fuse.arguments import (
     LARGEST_SIGMA,
     numbers,

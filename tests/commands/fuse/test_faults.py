@@ -9,6 +9,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from typer.testing import CliRunner
+
 from rendezvous.cli.__main__ import app
 from rendezvous.commands.fuse.from_python import fuse
 from rendezvous.commands.fuse.inputs import read_camera
@@ -16,8 +18,6 @@ from rendezvous.errors import CameraError, ConfigError, MapError
 from rendezvous.fusion.merge import merged
 from rendezvous.geometry.occupancy_grid import FREE, OccupancyGrid
 from rendezvous.geometry.se2 import SE2
-from typer.testing import CliRunner
-
 from tests.baselines.windows import cuts
 from tests.commands.fuse.test_fuse import POSES, Seeing, arguments, given, maps, option
 from tests.conftest import ROOT

@@ -10,6 +10,8 @@ import cv2
 import numpy as np
 import pytest
 import torch
+from typer.testing import CliRunner
+
 from rendezvous.alignment.frame_error import frame_error
 from rendezvous.cli.__main__ import app
 from rendezvous.commands.fuse.arguments import MERGINGS, REFINEMENTS
@@ -25,8 +27,6 @@ from rendezvous.interop.camera_info import read_camera_info, write_camera_info
 from rendezvous.interop.ros_map import read_ros_map, write_ros_map
 from rendezvous.pose_estimation.pose_estimate import PoseMode, RelativePose
 from rendezvous.robot_file import ROBOTS
-from typer.testing import CliRunner
-
 from tests.baselines.windows import REAL_T_M0_M1, cuts, real_maps
 from tests.conftest import ROOT
 from tests.fusion.test_system import FINE, T_R0_R1, meeting

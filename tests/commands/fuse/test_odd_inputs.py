@@ -11,6 +11,8 @@ import cv2
 import numpy as np
 import pytest
 import yaml
+from typer.testing import CliRunner
+
 from rendezvous.cli.__main__ import app
 from rendezvous.commands.fuse.from_python import fuse
 from rendezvous.commands.fuse.inputs import read_photograph
@@ -20,8 +22,6 @@ from rendezvous.geometry.occupancy_grid import OccupancyGrid
 from rendezvous.geometry.se2 import SE2
 from rendezvous.interop.camera_info import CameraInfo
 from rendezvous.pose_estimation.pose_estimate import PoseMode, RelativePose
-from typer.testing import CliRunner
-
 from tests.baselines.windows import cuts
 from tests.commands.fuse.test_fuse import POSES, T_C_O, Seeing, arguments, given, maps
 from tests.conftest import ROOT

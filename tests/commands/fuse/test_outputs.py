@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+
 from rendezvous.commands.fuse.from_python import fuse
 from rendezvous.errors import ConfigError, StoreError
 from rendezvous.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN
 from rendezvous.geometry.se2 import SE2
 from rendezvous.interop.ros_map import read_ros_map, write_ros_map
 from rendezvous.store.disk import Disk
-
 from tests.commands.fuse.test_fuse import POSES, Seeing, given, maps
 from tests.conftest import ROOT
 from tests.fusion.test_system import T_R0_R1

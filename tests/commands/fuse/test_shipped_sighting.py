@@ -9,11 +9,11 @@ import shlex
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
+
 from rendezvous.alignment.frame_error import pose_difference
 from rendezvous.cli.__main__ import app
 from rendezvous.geometry.se2 import SE2
-from typer.testing import CliRunner
-
 from tests.conftest import ROOT
 
 README = (ROOT / "assets" / "sighting" / "README.md").read_text()

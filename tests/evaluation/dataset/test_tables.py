@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pyarrow as pa
+
 from rendezvous.evaluation.dataset.card import quality_table
 from rendezvous.evaluation.dataset.sampling import evenly_by
 from rendezvous.evaluation.dataset.tables import (
@@ -12,7 +13,6 @@ from rendezvous.evaluation.dataset.tables import (
     split_table,
 )
 from rendezvous.schema import EXPLORE, PAIRS
-
 from tests.synthetic import synthetic_row
 
 

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 from pytest import approx
+
 from rendezvous.alignment.estimate import WRONG_M, WRONG_RAD
 from rendezvous.evaluation.frame_error.calibration import (
     LEVELS,
@@ -12,7 +13,6 @@ from rendezvous.evaluation.frame_error.calibration import (
     warnings,
 )
 from rendezvous.evaluation.frame_error.estimates import SUCCESS_M
-
 from tests.evaluation.toy_pairs import outcomes_of
 
 COUNT = 6000

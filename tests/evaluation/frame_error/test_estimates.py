@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pytest
 from pytest import approx
+
 from rendezvous.alignment.estimate import WRONG_M, WRONG_RAD, Estimate
 from rendezvous.alignment.frame_error import corrected, frame_error
 from rendezvous.evaluation.frame_error.estimates import (
@@ -17,7 +18,6 @@ from rendezvous.evaluation.frame_error.estimates import (
     outcome_table,
 )
 from rendezvous.geometry.se2 import SE2
-
 from tests.evaluation.toy_pairs import outcomes_of, toy_outcomes, toy_pair, toy_sample
 
 OFF = SE2(0.2, -0.1, 0.05)

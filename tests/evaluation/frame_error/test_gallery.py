@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from pytest import approx
+
 from rendezvous.alignment.window import FREE_CELL, MapWindow
 from rendezvous.evaluation.frame_error.estimates import outcome_table
 from rendezvous.evaluation.frame_error.gallery import PANEL_PX, attention_panel, chosen_pairs, panels
@@ -12,7 +13,6 @@ from rendezvous.evaluation.pictures.canvas import BLUE, RED
 from rendezvous.evaluation.pictures.map_panels import BOTH
 from rendezvous.geometry.occupancy_grid import FREE, OCCUPIED, OccupancyGrid
 from rendezvous.geometry.se2 import SE2
-
 from tests.evaluation.toy_pairs import outcomes_of, toy_outcomes, toy_pair, toy_sample
 
 

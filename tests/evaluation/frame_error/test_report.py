@@ -27,7 +27,6 @@ from rendezvous.evaluation.report.recorded_figures import read_recorded
 from rendezvous.evaluation.statistics import Interval, resample_weights
 from rendezvous.geometry.se2 import SE2
 from rendezvous.methods import METHODS
-
 from tests.evaluation.pages import require_self_contained
 from tests.evaluation.toy_pairs import tables_of, toy_outcomes, toy_pair, toy_sample
 

@@ -5,10 +5,10 @@ import math
 
 import numpy as np
 from pytest import approx
+
 from rendezvous.evaluation.frame_error.estimates import OVERLAP_BINS
 from rendezvous.evaluation.frame_error.summary import Summary, comparisons, ranking, summary
 from rendezvous.evaluation.statistics import resample_weights
-
 from tests.evaluation.toy_pairs import outcomes_of, tables_of
 
 OVERLAP = (0.05, 0.15, 0.2, 0.3, 0.9, 0.95)

@@ -7,10 +7,10 @@ from itertools import product
 import numpy as np
 import pytest
 from pytest import approx
+
 from rendezvous.evaluation.frame_error.symmetry import SYMMETRIC_SHARE, Symmetry, turn_symmetry
 from rendezvous.geometry.occupancy_grid import FREE, OCCUPIED, Mask, OccupancyGrid
 from rendezvous.geometry.se2 import SE2
-
 from tests.evaluation.toy_pairs import outcomes_of
 
 RESOLUTION_M = 0.05

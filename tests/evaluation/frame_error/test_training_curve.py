@@ -3,6 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from pytest import approx
+
 from rendezvous.evaluation.frame_error.training_curve import TrainingCurve, doubt
 
 

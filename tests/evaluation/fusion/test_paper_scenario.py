@@ -4,10 +4,10 @@ import math
 from dataclasses import replace
 
 import pytest
+
 from rendezvous.evaluation.fusion.paper_scenario import scenario
 from rendezvous.geometry.se2 import SE2
 from rendezvous.geometry.wall_agreement import wall_agreement
-
 from tests.evaluation.toy_pairs import toy_pair
 
 

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+
 from rendezvous.evaluation.fusion.runs import (
     ESTIMATED,
     TRUE,
@@ -17,7 +18,6 @@ from rendezvous.evaluation.fusion.summary import fusion_figures, fusion_table
 from rendezvous.fusion.refinement import correlative_refiner
 from rendezvous.geometry.se2 import SE2
 from rendezvous.training.frame_error.pairs import MapPair
-
 from tests.evaluation.toy_pairs import toy_pair
 from tests.evaluation.toy_poses import mode, read_as
 from tests.synthetic import synthetic_row

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+
 from rendezvous.evaluation.fusion.gallery import best_run, chosen_rendezvous
 from rendezvous.evaluation.fusion.runs import AUTO, ESTIMATED, NONE, FusionOutcome, RendezvousOutcome
 from rendezvous.evaluation.fusion.summary import fusion_figures, fusion_table

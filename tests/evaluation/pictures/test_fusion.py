@@ -5,6 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import chi2, f
+
 from rendezvous.evaluation.pictures.canvas import BLUE, RED
 from rendezvous.evaluation.pictures.fusion import LONGER_PX, fusion_picture, sighting_picture, view_of_both
 from rendezvous.evaluation.pictures.map_panels import BOTH
@@ -12,8 +14,6 @@ from rendezvous.fusion.fusion_input import SightedPose
 from rendezvous.fusion.system import fuse_maps
 from rendezvous.geometry.se2 import SE2
 from rendezvous.pose_estimation.pose_estimate import RelativePose
-from scipy.stats import chi2, f
-
 from tests.baselines.windows import cuts
 from tests.fusion.test_system import FINE, T_R0_R1, meeting
 from tests.synthetic import CAMERA

@@ -1,9 +1,9 @@
 import numpy as np
+
 from rendezvous.evaluation.pictures.canvas import View
 from rendezvous.evaluation.pictures.map_panels import PairMaps, sampled
 from rendezvous.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from rendezvous.geometry.se2 import SE2
-
 from tests.synthetic import synthetic_row
 
 

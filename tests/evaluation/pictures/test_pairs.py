@@ -3,6 +3,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
+
 from rendezvous.evaluation.dataset.card import histogram
 from rendezvous.evaluation.pictures.canvas import BLUE, RED, SHEET_WIDTH_PX, encoded_png
 from rendezvous.evaluation.pictures.map_panels import BOTH
@@ -11,7 +12,6 @@ from rendezvous.evaluation.pictures.plans import plan_sheet
 from rendezvous.evaluation.pictures.poses import labelled_image
 from rendezvous.floorplan.records import Floorplan, Room, Shape, Solid
 from rendezvous.geometry.se2 import SE2
-
 from tests.synthetic import synthetic_row, synthetic_view
 
 OVERLAY = slice(920, SHEET_WIDTH_PX)

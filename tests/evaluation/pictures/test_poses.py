@@ -5,6 +5,7 @@ from itertools import pairwise
 import cv2
 import numpy as np
 import pytest
+
 from rendezvous.errors import PipelineError
 from rendezvous.evaluation.pictures.canvas import SHEET_WIDTH_PX
 from rendezvous.evaluation.pictures.poses import (

@@ -4,10 +4,10 @@ import math
 
 import numpy as np
 import pytest
+
 from rendezvous.evaluation.relative_pose.errors import PoseOutcome, as_seen, pose_table
 from rendezvous.geometry.camera import se3_from_se2
 from rendezvous.geometry.se2 import SE2
-
 from tests.evaluation.toy_poses import T_R0_C, drawn_truths, mode, outcomes, read_as, truth
 
 AHEAD = SE2(2.0, 0.3, 0.4)

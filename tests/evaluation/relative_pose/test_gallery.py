@@ -2,7 +2,6 @@ from __future__ import annotations
 
 from rendezvous.evaluation.relative_pose.gallery import chosen_images
 from rendezvous.geometry.se2 import SE2
-
 from tests.evaluation.toy_poses import mode, outcomes, read_as, truth
 
 AHEAD = SE2(2.0, 0.0, 0.0)

@@ -6,6 +6,7 @@ from dataclasses import asdict, astuple
 import numpy as np
 import pytest
 from pydantic import TypeAdapter
+
 from rendezvous.evaluation.relative_pose.errors import PoseOutcome, pose_table
 from rendezvous.evaluation.relative_pose.summary import (
     GROUPS,
@@ -16,7 +17,6 @@ from rendezvous.evaluation.relative_pose.summary import (
     pose_summary,
 )
 from rendezvous.geometry.se2 import SE2
-
 from tests.evaluation.toy_poses import drawn_truths, mode, outcomes, read_as, truth
 
 

@@ -16,6 +16,7 @@ pytest.importorskip("seaborn")
 import cv2
 import seaborn as sns
 from jinja2 import ChoiceLoader, DictLoader
+
 from rendezvous.evaluation.report import page
 from rendezvous.evaluation.report.charts import chart, svg
 from rendezvous.evaluation.report.page import render_part, report_page

@@ -5,11 +5,11 @@ import math
 
 import pytest
 from jinja2 import ChoiceLoader, DictLoader
+
 from rendezvous.errors import StoreError
 from rendezvous.evaluation.report import page
 from rendezvous.evaluation.report.page import PARTS, ReportPart, render_part, report_page
 from rendezvous.evaluation.statistics import NOTHING, Interval
-
 from tests.evaluation.pages import require_self_contained
 
 TEMPLATE = """

@@ -8,8 +8,9 @@ pytest.importorskip("seaborn")
 import pandas as pd
 from matplotlib.collections import FillBetweenPolyCollection
 from matplotlib.figure import Figure
-from rendezvous.evaluation.report.violins import Component, draw_violins, violin_chart
 from scipy.stats import norm
+
+from rendezvous.evaluation.report.violins import Component, draw_violins, violin_chart
 
 METRES = Component(column="x", name="Δx", unit="m")
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+
 from rendezvous.rendering.appearance.lighting import Lamp, free_lighting, room_lighting
 from rendezvous.rendering.scene import LightKind
 

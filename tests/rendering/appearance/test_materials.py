@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
+
 from rendezvous.floorplan.furnish import furnish
 from rendezvous.floorplan.records import Shape, Solid
 from rendezvous.rendering.appearance import materials
 from rendezvous.rendering.appearance.textures import KINDS, texture_key
 from rendezvous.rendering.scene import Material
-
 from tests.floorplan.plans import RADIUS_M, generated
 
 DRAWS = [

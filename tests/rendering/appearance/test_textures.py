@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+
 from rendezvous.rendering.appearance.textures import KINDS, texture_key, texture_pool
 
 SIZE_PX = 128

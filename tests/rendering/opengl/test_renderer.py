@@ -12,13 +12,13 @@ import cv2
 import numpy as np
 import psutil
 import pytest
+
 from rendezvous.errors import PipelineError, SetupError
 from rendezvous.geometry.camera import PinholeCamera
 from rendezvous.geometry.se2 import Array
 from rendezvous.rendering.opengl import gl
 from rendezvous.rendering.opengl.renderer import Renderer
 from rendezvous.rendering.scene import NO_INSTANCE, Light, LightKind, Material, Scene
-
 from tests.rendering.golden import GOLDEN, golden_scene
 from tests.rendering.scenes import (
     CAMERA,

@@ -12,6 +12,7 @@ import pyarrow.parquet as pq
 import pytest
 import yaml
 from pytest import approx
+
 from rendezvous.config.load import load_config
 from rendezvous.engine.run import part_name
 from rendezvous.resources import STAGES_YAML
@@ -20,7 +21,6 @@ from rendezvous.splits import SPLITS
 from rendezvous.stages.floorplans import floorplans
 from rendezvous.stages.pack import LAYOUT, pack
 from rendezvous.store.records import Quarantined
-
 from tests.synthetic_dataset import (
     POSE_ROWS,
     ROWS,

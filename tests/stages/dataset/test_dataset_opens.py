@@ -7,8 +7,8 @@ import sys
 from pathlib import Path
 
 import pytest
-from rendezvous.stages.pack import pack
 
+from rendezvous.stages.pack import pack
 from tests.synthetic_dataset import explored, synthetic_run
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+
 import rendezvous
 from rendezvous.errors import ConfigError
 from rendezvous.stages.dataset.photos import SUFFIXES, photo_folder

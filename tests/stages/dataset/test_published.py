@@ -3,11 +3,11 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+
 from rendezvous.evaluation.dataset.sampling import located_columns
 from rendezvous.schema import EXPLORE, PAIRS, SIGHTINGS, VIEWS
 from rendezvous.stages.dataset.published import PackedPlan, pairs_at, pairs_file, with_views
 from rendezvous.store.tables import content_digest, item_digests
-
 from tests.synthetic_dataset import ROWS, VIEW_ROWS, explored, synthetic_run
 
 SIGHTED = EXPLORE.table([row for rows in ROWS[:3] for row in rows]).select([c.name for c in SIGHTINGS])

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+
 from rendezvous.exploration.records import Episode, Rendezvous, Snapshot
 from rendezvous.exploration.rendezvous import Sighting
 from rendezvous.geometry.occupancy_grid import FREE, OCCUPIED, OccupancyGrid
@@ -13,7 +14,6 @@ from rendezvous.geometry.se2 import SE2
 from rendezvous.robot_file import load_robot
 from rendezvous.schema import EXPLORE
 from rendezvous.stages.dataset.sightings import EpisodeScene, sighting_rows
-
 from tests.floorplan.plans import TWO_ROOMS, plan_of
 
 STARTS = (SE2(1.0, 1.0, 0.5), SE2(4.0, 3.0, -1.0))

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 import torch
+from typer.testing import CliRunner
+
 from rendezvous.alignment.window import SearchRange
 from rendezvous.cli.__main__ import app
 from rendezvous.models.matcher_calibration import MatcherCalibration
@@ -17,8 +19,6 @@ from rendezvous.training.checkpoint import read_checkpoint, weights_bytes, with_
 from rendezvous.training.frame_error.registry import build_model
 from rendezvous.training.loop import TrainingState
 from rendezvous.training.parameters import Optimisation, Sampling
-from typer.testing import CliRunner
-
 from tests.synthetic_dataset import explored, synthetic_run
 
 SETTINGS = {

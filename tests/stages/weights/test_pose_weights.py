@@ -9,6 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from typer.testing import CliRunner
+
 from rendezvous.cli.__main__ import app
 from rendezvous.errors import ConfigError, StoreError
 from rendezvous.pose_estimation.pose_calibration import PoseCalibration
@@ -20,8 +22,6 @@ from rendezvous.training.loop import TrainingState
 from rendezvous.training.parameters import Optimisation
 from rendezvous.training.relative_pose.model import build_pose_model
 from rendezvous.training.relative_pose.sampling import PoseSampling
-from typer.testing import CliRunner
-
 from tests.pose_estimation.observations import CAMERA, observation
 from tests.synthetic_dataset import explored, synthetic_run
 

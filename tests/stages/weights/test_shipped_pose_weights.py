@@ -6,6 +6,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+
 from rendezvous.alignment.frame_error import pose_difference
 from rendezvous.errors import SetupError
 from rendezvous.floorplan.furnish import furnish
@@ -20,7 +21,6 @@ from rendezvous.rendering.viewpoints import furnished_plan
 from rendezvous.robot_file import load_robot, load_robot_model
 from rendezvous.stages.weights.pose_source import SHIPPED_POSE_WEIGHTS
 from rendezvous.stages.weights.trained_estimators import load_relative_pose
-
 from tests.floorplan.plans import generated
 
 BURGER = load_robot("burger")

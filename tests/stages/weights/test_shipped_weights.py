@@ -6,13 +6,13 @@ import math
 
 import numpy as np
 import pytest
+
 from rendezvous.alignment.frame_error import pose_difference
 from rendezvous.alignment.window import SearchRange
 from rendezvous.geometry.se2 import SE2
 from rendezvous.models.matcher_calibration import MatcherCalibration
 from rendezvous.models.matcher_estimator import MatcherEstimator
 from rendezvous.stages.weights.trained_estimators import Trained, load
-
 from tests.baselines.windows import real_window, window_with
 from tests.conftest import ROOT
 

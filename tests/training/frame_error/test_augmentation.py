@@ -7,6 +7,7 @@ from itertools import compress
 import cv2
 import numpy as np
 import pytest
+
 from rendezvous.config.load import load_config
 from rendezvous.errors import ConfigError
 from rendezvous.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
@@ -27,7 +28,6 @@ from rendezvous.training.frame_error.defects import (
     with_spurious_rays,
 )
 from rendezvous.training.frame_error.pairs import MapPair, PairTable
-
 from tests.conftest import ROOT
 
 SHARES = (

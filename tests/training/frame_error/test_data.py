@@ -7,13 +7,13 @@ from itertools import islice
 import numpy as np
 import pytest
 import torch
+
 from rendezvous.alignment.frame_error import frame_error
 from rendezvous.training.batches import EpochOrder, training_loader
 from rendezvous.training.frame_error.augmentation import Augmentation
 from rendezvous.training.frame_error.data import TrainingBatches, validation_batches
 from rendezvous.training.frame_error.pairs import PairTable
 from rendezvous.training.parameters import Sampling
-
 from tests.training.tiny import SAMPLING
 
 

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import pytest
+
 from rendezvous.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from rendezvous.geometry.se2 import SE2
 from rendezvous.training.frame_error import defects
 from rendezvous.training.frame_error.augmentation import Augmentation, augmented
 from rendezvous.training.frame_error.pairs import MapPair
-
 from tests.training.frame_error.test_augmentation import rng, room
 
 

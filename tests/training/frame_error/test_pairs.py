@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+
 from rendezvous.errors import StoreError
 from rendezvous.geometry.occupancy_grid import overlap
 from rendezvous.stages.pack import pack
 from rendezvous.store.read import StageReader
 from rendezvous.training.frame_error.pairs import PairTable, read_pairs
 from rendezvous.training.published_rows import rows_per_split
-
 from tests.synthetic_dataset import ROWS, explored, synthetic_run
 from tests.training.conftest import SHARES
 

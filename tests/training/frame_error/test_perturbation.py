@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+
 from rendezvous.alignment.frame_error import corrected, frame_error, meeting_point
 from rendezvous.alignment.window import OCCUPIED_CELL, UNKNOWN_CELL, map_window
 from rendezvous.errors import ConfigError

@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 import torch
+
 from rendezvous.errors import ConfigError
 from rendezvous.training.frame_error.data import TrainingBatches
 from rendezvous.training.frame_error.pairs import PairTable, PerturbationRange

@@ -6,11 +6,11 @@ import math
 
 import pytest
 import torch
+from torch import Tensor
+
 from rendezvous.training.frame_error.data import Batch, validation_batches
 from rendezvous.training.frame_error.pairs import PairTable
 from rendezvous.training.frame_error.registry import FrameErrorValidation
-from torch import Tensor
-
 from tests.training.tiny import SAMPLING, TinyModel, tiny_model
 
 

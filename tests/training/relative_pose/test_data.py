@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 import pytest
 import torch
+
 from rendezvous.errors import ConfigError, StoreError
 from rendezvous.geometry.cuboid import project_cuboid
 from rendezvous.training.batches import training_loader
@@ -24,7 +25,6 @@ from rendezvous.training.relative_pose.data import (
 )
 from rendezvous.training.relative_pose.poses import PoseTable
 from rendezvous.training.relative_pose.sampling import ImageAugmentation, PoseSampling, augmented_image
-
 from tests.synthetic import CAMERA
 from tests.synthetic_dataset import POSE_ROWS
 

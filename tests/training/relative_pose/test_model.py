@@ -8,6 +8,7 @@ from itertools import repeat
 import numpy as np
 import pytest
 import torch
+
 from rendezvous.errors import ConfigError
 from rendezvous.models.relative_pose_network import RelativePoseConfig, RelativePoseNet
 from rendezvous.training.batches import training_loader
@@ -24,7 +25,6 @@ from rendezvous.training.relative_pose.model import PosePoint, build_pose_model
 from rendezvous.training.relative_pose.poses import PoseTable
 from rendezvous.training.relative_pose.sampling import PoseSampling
 from rendezvous.training.relative_pose.validation import PoseValidation
-
 from tests.training.tiny import Losses, killed_by
 
 TINY = {"width": 16, "blocks": 0, "feature_channels": 16, "stages": 2, "stage_channels": 8, "stage_layers": 1}

@@ -8,11 +8,11 @@ import cv2
 import numpy as np
 import pyarrow as pa
 import pytest
+
 from rendezvous.errors import StoreError
 from rendezvous.store.read import StageReader
 from rendezvous.training.published_rows import rows_per_split
 from rendezvous.training.relative_pose.poses import COLUMNS, PoseTable, SeenRobotKind, read_poses
-
 from tests.synthetic_dataset import POSE_ROWS
 
 ROWS = {row["pose_id"]: row for rows in POSE_ROWS for row in rows}

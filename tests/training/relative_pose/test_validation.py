@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+
 from rendezvous.training.relative_pose.data import PoseSample
 from rendezvous.training.relative_pose.validation import sheet
 
