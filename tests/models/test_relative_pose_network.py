@@ -55,8 +55,9 @@ def test_maps_of_a_picture_of_400_pixels_have_50_cells(published: RelativePoseNe
     assert {tuple(stage.fields_B16hw.shape) for stage in stages} == {(2, 16, 50, 50)}
 
 
-def test_the_readme_names_the_settings_of_the_published_network():
-    told = re.search(r"train_pose\.settings='(\{features: vgg19.*?\})'", (ROOT / "README.md").read_text())
+def test_the_docs_name_the_settings_of_the_published_network():
+    page = (ROOT / "docs" / "train-and-measure.md").read_text()
+    told = re.search(r"train_pose\.settings='(\{features: vgg19.*?\})'", page)
     assert told is not None
     assert RelativePoseConfig(**yaml.safe_load(told[1])) == RelativePoseConfig.published()
 
