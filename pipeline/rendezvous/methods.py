@@ -38,29 +38,19 @@ _OWN_COLOURS = ("#8c6d31", "#5b5f97", "#b5485d", "#3f7d5c", "#a0522d")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Method:
-    """An estimator of the frame error that can be measured.
+    """An estimator of the frame error that can be measured."""
 
-    Attributes:
-        name: as options, files and `metrics.json` spell it.
-        title: as tables spell it.
-        colour: in charts, `#rrggbb`.
-        factory: makes the estimator; None for a network, which is made from its weights.
-        takes_search: whether the factory has the parameter `search`.
-        model: whose weights a network needs; '' for a method without weights.
-        row: the row of the paper's ablation that this is.
-        printed: errors in the paper; None for a method that the paper does not have.
-        shipped: False for a method that a user added.
-    """
-
-    name: str
-    title: str
-    colour: str
+    name: str  # as options, files and `metrics.json` spell it
+    title: str  # as tables spell it
+    colour: str  # in charts, `#rrggbb`
+    # Makes the estimator; None for a network, which is made from its weights.
     factory: Callable[..., FrameErrorEstimator] | None = None
-    takes_search: bool = True
-    model: str = ""
-    row: AblationRow | None = None
+    takes_search: bool = True  # whether the factory has the parameter `search`
+    model: str = ""  # whose weights a network needs; '' for a method without weights
+    row: AblationRow | None = None  # the row of the paper's ablation that this is
+    # Errors in the paper; None for a method that the paper does not have.
     printed: PrintedErrors | None = None
-    shipped: bool = True
+    shipped: bool = True  # False for a method that a user added
 
     @property
     def needs_weights(self) -> bool:
@@ -168,21 +158,15 @@ def own_method(name: str, factory: Any, *, number: int = 0) -> Method:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RefinementMethod:
-    """One way in which a fusion refines T̃ by the maps.
+    """One way in which a fusion refines T̃ by the maps."""
 
-    Attributes:
-        name: as options and `metrics.json` spell it.
-        title: as tables spell it.
-        refiner: gives the estimator; None for no refinement, and where the matcher is used.
-        needs_matcher: whether it uses the learned matcher's weights.
-        needs_covariance: whether it differs from another only by using the relative pose's covariance, which
-            the true relative pose does not have.
-    """
-
-    name: str
-    title: str
+    name: str  # as options and `metrics.json` spell it
+    title: str  # as tables spell it
+    # Gives the estimator; None for no refinement, and where the matcher is used.
     refiner: Refiner | None = None
-    needs_matcher: bool = False
+    needs_matcher: bool = False  # whether it uses the learned matcher's weights
+    # Whether it differs from another only by using the relative pose's covariance, which the true relative
+    # pose does not have.
     needs_covariance: bool = False
 
 

@@ -55,38 +55,26 @@ class Inspection:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Selection:
-    """Which rows to show.
+    """Which rows to show."""
 
-    Attributes:
-        count: how many, or None for as many as make a good sheet.
-        order: how they are chosen, or None for pairs by overlap and images by visibility.
-        seed: of the random draw.
-    """
-
-    count: int | None = None
-    order: Order | None = None
-    seed: int = 0
+    count: int | None = None  # how many, or None for as many as make a good sheet
+    order: Order | None = None  # how they are chosen, or None for pairs by overlap and images by visibility
+    seed: int = 0  # of the random draw
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Look:
-    """How a table is shown.
+    """How a table is shown."""
 
-    Attributes:
-        schema: of its rows.
-        columns: those that figures and order are computed from.
-        title, sheet: title of its picture, and what draws it.
-        count, order: default number of rows and their order.
-        figures: a Markdown section of its columns.
-    """
-
-    schema: TableSchema
-    columns: tuple[str, ...]
+    schema: TableSchema  # of its rows
+    columns: tuple[str, ...]  # those that figures and order are computed from
+    # title, sheet: title of its picture, and what draws it.
     title: str
     sheet: Callable[..., Image]
+    # count, order: default number of rows and their order.
     count: int
     order: Order
-    figures: Callable[[pa.Table], str]
+    figures: Callable[[pa.Table], str]  # a Markdown section of its columns
 
 
 def inspect(

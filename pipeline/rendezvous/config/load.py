@@ -31,13 +31,9 @@ class _StagesFile(Section):
 
 
 class Config(Parameters):
-    """Everything that decides what the pipeline makes.
+    """Everything that decides what the pipeline makes."""
 
-    Attributes:
-        stages: the stages' entries in flow order.
-    """
-
-    stages: dict[str, StageLinks]
+    stages: dict[str, StageLinks]  # the stages' entries in flow order
 
 
 def load_config(

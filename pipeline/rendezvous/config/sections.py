@@ -51,96 +51,59 @@ class Generated(Section):
 
 
 class FloorplansSection(StageSection):
-    """Which floor plans there are.
+    """Which floor plans there are."""
 
-    Attributes:
-        sources: HouseExpo JSON files, folders of them, or the dataset's `json.tar.gz`.
-        generate: plans to generate, after those of the sources.
-        limits: of a usable plan.
-        robot: a shipped robot or a robot file, which must be able to move about a usable plan.
-        plans_per_shard: candidates per shard.
-    """
-
-    sources: tuple[str, ...]
-    generate: Generated
-    limits: FloorplanLimits
-    robot: str
-    plans_per_shard: PositiveInt
+    sources: tuple[str, ...]  # HouseExpo JSON files, folders of them, or the dataset's `json.tar.gz`
+    generate: Generated  # plans to generate, after those of the sources
+    limits: FloorplanLimits  # of a usable plan
+    robot: str  # a shipped robot or a robot file, which must be able to move about a usable plan
+    plans_per_shard: PositiveInt  # candidates per shard
 
 
 class MeshesSection(StageSection):
-    """How floor plans become solids.
+    """How floor plans become solids."""
 
-    Attributes:
-        wall_height_m: height of the walls.
-        robot: a shipped robot or a robot file; the MJCF has two of them.
-        furniture_density: of the example furniture: 0 none, 1 moderate, 2 crowded.
-        plans_per_shard: at most; a shard never spans two of `floorplans`.
-    """
-
-    wall_height_m: Positive
-    robot: str
+    wall_height_m: Positive  # height of the walls
+    robot: str  # a shipped robot or a robot file; the MJCF has two of them
+    # The example furniture: 0 none, 1 moderate, 2 crowded.
     furniture_density: Annotated[float, Field(ge=0, le=3)]
-    plans_per_shard: PositiveInt
+    plans_per_shard: PositiveInt  # at most; a shard never spans two of `floorplans`
 
 
 class ExploreSection(StageSection):
-    """How two robots explore a floor plan until they meet.
+    """How two robots explore a floor plan until they meet."""
 
-    Attributes:
-        plans_per_shard: at most; a shard never spans two of `meshes`.
-        episodes_per_plan: each has its own starts and furniture.
-        robot: a shipped robot or a robot file.
-        furniture_density: 0 none, 1 moderate, 2 crowded.
-        start_margin_m: least distance from a robot at its start to anything else.
-        start_distance_m: least distance between the two starts.
-        episode: duration, recording, noise, exploration, SLAM.
-    """
-
-    plans_per_shard: PositiveInt
-    episodes_per_plan: PositiveInt
-    robot: str
-    furniture_density: Annotated[float, Field(ge=0, le=3)]
-    start_margin_m: Annotated[float, Field(ge=0)]
-    start_distance_m: Positive
-    episode: EpisodeParameters
+    plans_per_shard: PositiveInt  # at most; a shard never spans two of `meshes`
+    episodes_per_plan: PositiveInt  # each has its own starts and furniture
+    robot: str  # a shipped robot or a robot file
+    furniture_density: Annotated[float, Field(ge=0, le=3)]  # 0 none, 1 moderate, 2 crowded
+    start_margin_m: Annotated[float, Field(ge=0)]  # least distance from a robot at its start to anything else
+    start_distance_m: Positive  # least distance between the two starts
+    episode: EpisodeParameters  # duration, recording, noise, exploration, SLAM
 
 
 class RenderSection(StageSection):
-    """Which images are rendered, and how training images are drawn; the robots are those of `explore`.
+    """Which images are rendered, and how training images are drawn; the robots are those of `explore`."""
 
-    Attributes:
-        plans_per_shard: at most; a shard never spans two of `explore` (training images: of `meshes`).
-        views: whether to take the picture of each sighting.
-        poses_per_plan: training images in each plan.
-        poses_per_furnishing: consecutive training images with the same furniture.
-        furniture_density: of training images: 0 none, 1 moderate, 2 crowded.
-        texture_variants: textures of each kind (wood, cloth, ...).
-        jpeg_quality: of the images; null for PNG, lossless and four times the size.
-        backgrounds: folder of photos to use as backgrounds of `free` images; null for painted rooms.
-        draws: shares and ranges of random draws.
-    """
-
+    # At most; a shard never spans two of `explore` (training images: of `meshes`).
     plans_per_shard: PositiveInt
-    views: bool
-    poses_per_plan: Annotated[int, Field(ge=0)]
-    poses_per_furnishing: PositiveInt
+    views: bool  # whether to take the picture of each sighting
+    poses_per_plan: Annotated[int, Field(ge=0)]  # training images in each plan
+    poses_per_furnishing: PositiveInt  # consecutive training images with the same furniture
+    # In training images: 0 none, 1 moderate, 2 crowded.
     furniture_density: Annotated[float, Field(ge=0, le=3)]
-    texture_variants: Annotated[int, Field(ge=1, le=16)]
+    texture_variants: Annotated[int, Field(ge=1, le=16)]  # textures of each kind (wood, cloth, ...)
+    # Of the images; null for PNG, lossless and four times the size.
     jpeg_quality: Annotated[int, Field(ge=1, le=100)] | None
-    backgrounds: str | None
-    draws: PoseDraws
+    backgrounds: str | None  # folder of photos to use as backgrounds of `free` images; null for painted rooms
+    draws: PoseDraws  # shares and ranges of random draws
 
 
 class PackSection(StageSection):
-    """How the published dataset is split and sharded.
+    """How the published dataset is split and sharded."""
 
-    Attributes:
-        rows_per_file: a file is filled with whole floor plans until it has at least this many rows.
-        validation_fraction, test_fraction: shares of all floor plans; the rest is for training.
-    """
-
-    rows_per_file: PositiveInt
+    rows_per_file: PositiveInt  # a file is filled with whole floor plans until it has at least this many rows
+    # validation_fraction, test_fraction: shares of all floor plans; the rest is for training.
     validation_fraction: Share
     test_fraction: Share
 
@@ -155,22 +118,15 @@ class PackSection(StageSection):
 
 
 class TrainingSection(StageSection):
-    """How a model is trained.
+    """How a model is trained."""
 
-    Attributes:
-        settings: fields of the model's config that differ from their defaults.
-        minutes, samples: training ends at whichever comes first; one of them may be null.
-        validations: number of measurements of the averaged weights, evenly over the budget.
-        checkpoint_every_s: most work that a kill can lose.
-        optimisation: batches, learning rate, precision.
-    """
-
-    settings: dict[str, Any]
+    settings: dict[str, Any]  # fields of the model's config that differ from their defaults
+    # minutes, samples: training ends at whichever comes first; one of them may be null.
     minutes: Positive | None
     samples: PositiveInt | None
-    validations: PositiveInt
-    checkpoint_every_s: Positive
-    optimisation: Optimisation
+    validations: PositiveInt  # number of measurements of the averaged weights, evenly over the budget
+    checkpoint_every_s: Positive  # most work that a kill can lose
+    optimisation: Optimisation  # batches, learning rate, precision
 
     @model_validator(mode="after")
     def _check_budget(self) -> Self:
@@ -183,32 +139,21 @@ class TrainingSection(StageSection):
 
 
 class TrainSection(TrainingSection):
-    """How the frame-error estimator is trained.
+    """How the frame-error estimator is trained."""
 
-    Attributes:
-        model: `matcher`, or a row of the paper's Table I: `vit-reg-lie`, `cnn`, ...
-        validation_pairs: pairs in each measurement.
-        sampling: how samples are drawn from pairs.
-    """
-
-    model: str
-    validation_pairs: PositiveInt
-    sampling: Sampling
+    model: str  # `matcher`, or a row of the paper's Table I: `vit-reg-lie`, `cnn`, ...
+    validation_pairs: PositiveInt  # pairs in each measurement
+    sampling: Sampling  # how samples are drawn from pairs
 
 
 class TrainPoseSection(TrainingSection):
-    """How the relative-pose network is trained.
+    """How the relative-pose network is trained."""
 
-    Attributes:
-        initial_features: for `settings.features: vgg19`, a safetensors file of VGG-19's weights under
-            torchvision's names, such as `features.0.weight`; null for random weights.
-        validation_images: images in each measurement.
-        sampling: how samples are drawn from images.
-    """
-
+    # For `settings.features: vgg19`, a safetensors file of VGG-19's weights under torchvision's names, such
+    # as `features.0.weight`; null for random weights.
     initial_features: str | None
-    validation_images: PositiveInt
-    sampling: PoseSampling
+    validation_images: PositiveInt  # images in each measurement
+    sampling: PoseSampling  # how samples are drawn from images
 
 
 class Parameters(Section):

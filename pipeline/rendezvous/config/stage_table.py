@@ -11,19 +11,13 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Stage:
-    """One stage.
+    """One stage."""
 
-    Attributes:
-        name: its function, its module in `rendezvous.stages`, its section of `stages.yaml`.
-        reads: the stages whose output it reads.
-        about: what it does, in one sentence.
-        beside_data: it writes to the working folder, because its output outlives the data. Several stages may
-            share a folder there, with a folder for each run inside.
-    """
-
-    name: str
-    reads: tuple[str, ...] = ()
-    about: str
+    name: str  # its function, its module in `rendezvous.stages`, its section of `stages.yaml`
+    reads: tuple[str, ...] = ()  # the stages whose output it reads
+    about: str  # what it does, in one sentence
+    # It writes to the working folder, because its output outlives the data. Several stages may share a folder
+    # there, with a folder for each run inside.
     beside_data: bool = False
 
 

@@ -21,17 +21,11 @@ from rendezvous.store.write import NOT_MADE_YET, StageWriter
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Task:
-    """One shard to make.
+    """One shard to make."""
 
-    Attributes:
-        name: its file, relative to the stage's folder.
-        inputs: all that its content depends on.
-        make: makes the content; picklable, and a pure function of `inputs`.
-    """
-
-    name: str
-    inputs: Inputs
-    make: Callable[[], Shard]
+    name: str  # its file, relative to the stage's folder
+    inputs: Inputs  # all that its content depends on
+    make: Callable[[], Shard]  # makes the content; picklable, and a pure function of `inputs`
 
 
 def part_name(index: int) -> str:

@@ -33,14 +33,7 @@ SHIFT = 4  # binary digits of the fractions of a pixel that OpenCV draws with
 
 
 class Site:
-    """A floor plan and the furniture that stands in it so far.
-
-    Attributes:
-        room_count: rooms, numbered from 1: each start region and the cells nearest to it.
-        room_of_cell: (H, W) int32, 0 in the walls.
-        region_of_cell: (H, W) int32, the start regions, 0 elsewhere.
-        reachable: (H, W) uint8, 1 where the robot's centre can be.
-    """
+    """A floor plan and the furniture that stands in it so far."""
 
     def __init__(self, floorplan: Floorplan, *, robot_radius_m: float) -> None:
         self._clearance_m = round(robot_radius_m + STEERING_M, 6)
@@ -51,13 +44,14 @@ class Site:
         self._free_space = floorplan.free_space()
         shapely.prepare(self._free_space)
         free = self._free_cells(floorplan)
+        # (H, W) uint8, 1 where the robot's centre can be.
         self.reachable = largest_component(cv2.erode(free, _disc(self._clearance_m)))
         regions = start_regions(floorplan, robot_radius_m=robot_radius_m)
-        self.room_count = len(regions)
-        self.region_of_cell = np.zeros(self._shape, np.int32)
+        self.room_count = len(regions)  # rooms, numbered from 1: a start region and the cells nearest to it
+        self.region_of_cell = np.zeros(self._shape, np.int32)  # (H, W) the start regions, 0 elsewhere
         for index, region in enumerate(regions, start=1):
             self._draw(self.region_of_cell, np.asarray(region.exterior.coords), index)
-        self.room_of_cell = _nearest_region(self.region_of_cell) * free
+        self.room_of_cell = _nearest_region(self.region_of_cell) * free  # (H, W) int32, 0 in the walls
         self._taken = np.where(_doorways(self.room_of_cell), DOORWAY, VACANT).astype(np.uint8)
         self._taken[self.room_of_cell == 0] = WALL
         reached = self.region_of_cell[self.reachable > 0]

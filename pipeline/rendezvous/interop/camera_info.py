@@ -44,17 +44,11 @@ RIGHT = "a camera calibration of ROS (image_width, image_height, camera_matrix, 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CameraInfo:
-    """A camera and its lens.
+    """A camera and its lens."""
 
-    Attributes:
-        camera: the pinhole camera; pixel (0, 0) is the centre of the first pixel, as in OpenCV.
-        distortion_model: `plumb_bob`, `rational_polynomial` or `equidistant` (also called `fisheye`).
-        distortion: the model's coefficients in OpenCV's order; empty for no distortion.
-    """
-
-    camera: PinholeCamera
-    distortion_model: str
-    distortion: tuple[float, ...]
+    camera: PinholeCamera  # the pinhole camera; pixel (0, 0) is the centre of the first pixel, as in OpenCV
+    distortion_model: str  # `plumb_bob`, `rational_polynomial` or `equidistant` (also called `fisheye`)
+    distortion: tuple[float, ...]  # the model's coefficients in OpenCV's order; empty for no distortion
 
     def undistorted(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """Undistort an image (H, W) or (H, W, 3); black where the lens saw nothing.

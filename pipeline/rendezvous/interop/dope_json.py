@@ -33,19 +33,12 @@ ABSENT_PX = -100.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DopeObject:
-    """One object of a file.
+    """One object of a file."""
 
-    Attributes:
-        class_name: DOPE's class.
-        visibility: above 0 if it is visible.
-        projected_cuboid_px: (9, 2), centroid last; NaN for points to be ignored.
-        T_c_o: (4, 4) [m]; None if the file has no pose.
-    """
-
-    class_name: str
-    visibility: float
-    projected_cuboid_px: Array
-    T_c_o: Array | None
+    class_name: str  # DOPE's class
+    visibility: float  # above 0 if it is visible
+    projected_cuboid_px: Array  # (9, 2), centroid last; NaN for points to be ignored
+    T_c_o: Array | None  # (4, 4) [m]; None if the file has no pose
 
 
 def dope_document(label: PoseLabel, *, class_name: str) -> dict[str, Any]:

@@ -43,17 +43,11 @@ class _Header(tarfile.TarInfo):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlanFile:
-    """One file of a source.
+    """One file of a source."""
 
-    Attributes:
-        source: its path, or `archive.tar.gz:member`; bytes that are not UTF-8 are escaped.
-        content: its bytes, not yet parsed.
-        fault: why it cannot be read; empty if it can.
-    """
-
-    source: str
-    content: bytes = b""
-    fault: str = ""
+    source: str  # its path, or `archive.tar.gz:member`; bytes that are not UTF-8 are escaped
+    content: bytes = b""  # its bytes, not yet parsed
+    fault: str = ""  # why it cannot be read; empty if it can
 
 
 def check_source(source: str) -> None:

@@ -26,31 +26,22 @@ NEAR, AROUND, SHARE, FEWEST = 5, 12, 0.7, 16
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Thresholds:
-    """How a map's YAML file has its greys read.
+    """How a map's YAML file has its greys read."""
 
-    Attributes:
-        occupied, free: probabilities above which a cell is occupied, below which it is free.
-        negate: whether white is occupied.
-    """
-
+    # occupied, free: probabilities above which a cell is occupied, below which it is free.
     occupied: float
     free: float
-    negate: bool
+    negate: bool  # whether white is occupied
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Greys:
-    """A histogram of brightness.
+    """A histogram of brightness."""
 
-    Attributes:
-        counts: (256,) number of visible cells; `free`, `occupied`: of those read as free, as occupied.
-        standing_out: brightnesses that stand out, darkest first.
-    """
-
-    counts: Counts
+    counts: Counts  # (256,) number of visible cells; `free`, `occupied`: of those read as free, as occupied
     free: Counts
     occupied: Counts
-    standing_out: tuple[int, ...]
+    standing_out: tuple[int, ...]  # brightnesses that stand out, darkest first
 
     def mostly(self, brightness: int, of: Counts) -> bool:
         return 2 * _within(of, brightness) > _within(self.counts, brightness)

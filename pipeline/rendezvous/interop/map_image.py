@@ -38,17 +38,11 @@ _HEADER_ENDS = rb"(?:#[^\n\r]*)?\s", rb"[ \t]*(?:#[^\n\r]*)?\r?\n", rb"\s(?:#[^\
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MapImage:
-    """The stored values of an image, top row first.
+    """The stored values of an image, top row first."""
 
-    Attributes:
-        grey: (H, W) uint8 or uint16.
-        alpha: (H, W), `white` where opaque; None without an alpha channel.
-        white: the value of white and of opaque.
-    """
-
-    grey: Grey
-    alpha: Grey | None
-    white: int
+    grey: Grey  # (H, W) uint8 or uint16
+    alpha: Grey | None  # (H, W), `white` where opaque; None without an alpha channel
+    white: int  # the value of white and of opaque
 
 
 def read_map_image(path: Path) -> MapImage:

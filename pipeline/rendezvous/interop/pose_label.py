@@ -16,23 +16,14 @@ Box = tuple[float, float, float, float]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PoseLabel:
-    """Where the robot is in an image and how much of it is visible.
+    """Where the robot is in an image and how much of it is visible."""
 
-    Attributes:
-        camera: the image's intrinsics and size.
-        cuboid_size_m: sides of the robot's cuboid along the axes of o.
-        T_c_o: (4, 4) pose of the cuboid in the camera; None without a robot.
-        visible_px: number of visible pixels of the robot.
-        silhouette_px: number of pixels it would cover unoccluded, including those outside the image.
-        box_px: x0, y0, x1, y1 of the outer edges of the visible pixels; None if there are none.
-    """
-
-    camera: PinholeCamera
-    cuboid_size_m: Vec3
-    T_c_o: Array | None
-    visible_px: int
-    silhouette_px: int
-    box_px: Box | None
+    camera: PinholeCamera  # the image's intrinsics and size
+    cuboid_size_m: Vec3  # sides of the robot's cuboid along the axes of o
+    T_c_o: Array | None  # (4, 4) pose of the cuboid in the camera; None without a robot
+    visible_px: int  # number of visible pixels of the robot
+    silhouette_px: int  # number of pixels it would cover unoccluded, including those outside the image
+    box_px: Box | None  # x0, y0, x1, y1 of the outer edges of the visible pixels; None if there are none
 
     def __post_init__(self) -> None:
         if self.T_c_o is None and self.visible_px > 0:

@@ -43,23 +43,14 @@ _QUARTERS_RAD = (0.0, 0.5 * np.pi, np.pi, -0.5 * np.pi)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reading:
-    """One way to read the evidence.
+    """One way to read the evidence."""
 
-    Attributes:
-        T_r0_r1: pose of robot 1 on the floor, in robot 0's frame.
-        covariance: (3, 3) of the components of `T_r0_r1⁻¹ T_r0_r1_true`.
-        T_c_o: (4, 4) pose of the cuboid in the camera.
-        log_evidence: log of the probability mass around it, up to a constant shared by all readings.
-        explained: weight of the peaks that agree with it, mean over the maps, in [0, 1].
-        gain: log likelihood ratio of the maps with this robot to the maps without one.
-    """
-
-    T_r0_r1: SE2
-    covariance: Array
-    T_c_o: Array
-    log_evidence: float
-    explained: float
-    gain: float
+    T_r0_r1: SE2  # pose of robot 1 on the floor, in robot 0's frame
+    covariance: Array  # (3, 3) of the components of `T_r0_r1⁻¹ T_r0_r1_true`
+    T_c_o: Array  # (4, 4) pose of the cuboid in the camera
+    log_evidence: float  # log of the probability mass around it, up to a constant shared by all readings
+    explained: float  # weight of the peaks that agree with it, mean over the maps, in [0, 1]
+    gain: float  # log likelihood ratio of the maps with this robot to the maps without one
 
 
 def readings_on_floor(

@@ -24,15 +24,10 @@ Indices = NDArray[np.int64]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DetectedCuboid:
-    """Peaks that belong to one cuboid.
+    """Peaks that belong to one cuboid."""
 
-    Attributes:
-        uv_cells_92: (9, 2) in DOPE's order; NaN for a point that was not found.
-        height_9: (9,) heights of the peaks; 0 for a point that was not found.
-    """
-
-    uv_cells_92: Array
-    height_9: Array
+    uv_cells_92: Array  # (9, 2) in DOPE's order; NaN for a point that was not found
+    height_9: Array  # (9,) heights of the peaks; 0 for a point that was not found
 
     @property
     def score(self) -> float:

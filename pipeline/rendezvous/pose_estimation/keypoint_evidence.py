@@ -27,15 +27,10 @@ _SUREST = 0.98
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class KeypointNoise:
-    """Accuracy of peaks.
+    """Accuracy of peaks."""
 
-    Attributes:
-        floor_cells: standard deviation of a peak of full height, along each axis.
-        scale: factor on the variance inferred from a peak's height.
-    """
-
-    floor_cells: float = 0.1
-    scale: float = 0.3
+    floor_cells: float = 0.1  # standard deviation of a peak of full height, along each axis
+    scale: float = 0.3  # factor on the variance inferred from a peak's height
 
     def __post_init__(self) -> None:
         require_within(self, floor_cells=(0.001, 10.0), scale=(0.0, 100.0))
@@ -43,25 +38,15 @@ class KeypointNoise:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class KeypointEvidence:
-    """Densities of points in an image.
+    """Densities of points in an image."""
 
-    Attributes:
-        channel_G: (G,) index of the point that each map shows.
-        uv_px_GJ2: (G, J, 2) peaks in the image; 0 beyond a map's last peak.
-        variance_px2_GJ: (G, J) variance of the point around each peak, along each axis.
-        weight_GJ: (G, J) probability of each peak; 0 beyond a map's last peak.
-        elsewhere_G: (G,) density of the point away from all peaks [1 / px²].
-        cell_px: side of the maps' cells in the image.
-        power: exponent of each map's likelihood: 1 / number of looks, since all see the same robot.
-    """
-
-    channel_G: NDArray[np.int64]
-    uv_px_GJ2: Array
-    variance_px2_GJ: Array
-    weight_GJ: Array
-    elsewhere_G: Array
-    cell_px: float
-    power: float
+    channel_G: NDArray[np.int64]  # (G,) index of the point that each map shows
+    uv_px_GJ2: Array  # (G, J, 2) peaks in the image; 0 beyond a map's last peak
+    variance_px2_GJ: Array  # (G, J) variance of the point around each peak, along each axis
+    weight_GJ: Array  # (G, J) probability of each peak; 0 beyond a map's last peak
+    elsewhere_G: Array  # (G,) density of the point away from all peaks [1 / px²]
+    cell_px: float  # side of the maps' cells in the image
+    power: float  # exponent of each map's likelihood: 1 / number of looks, since all see the same robot
 
     def log_densities(self, uv_M92: Array, *, added_px2: float = 0.0) -> tuple[Array, Array]:
         """(M, G) log of each map's density at the points, and (M, G, J) share of each peak in that density.

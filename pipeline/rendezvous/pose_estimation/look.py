@@ -21,16 +21,11 @@ STRIDE_PX = 8
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Look:
-    """A rectangle of an image, resampled.
+    """A rectangle of an image, resampled."""
 
-    Attributes:
-        scale: input pixels per image pixel.
-        offset_px: position of the image's pixel (0, 0) in the input [px].
-        width_px, height_px: size of the input, multiples of STRIDE_PX.
-    """
-
-    scale: float
-    offset_px: tuple[float, float]
+    scale: float  # input pixels per image pixel
+    offset_px: tuple[float, float]  # position of the image's pixel (0, 0) in the input [px]
+    # width_px, height_px: size of the input, multiples of STRIDE_PX.
     width_px: int
     height_px: int
 

@@ -26,15 +26,10 @@ _SMALL = 1e-12
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SeenRobot:
-    """The robot to be found in the image.
+    """The robot to be found in the image."""
 
-    Attributes:
-        size_m: sides of its cuboid along the axes of o.
-        T_r1_o: (4, 4) pose of the cuboid on it.
-    """
-
-    size_m: Vec3
-    T_r1_o: Array
+    size_m: Vec3  # sides of its cuboid along the axes of o
+    T_r1_o: Array  # (4, 4) pose of the cuboid on it
 
     def points_r1(self) -> Array:
         """(9, 3) [m] the cuboid's points in r1."""
@@ -44,17 +39,11 @@ class SeenRobot:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ObservationModel:
-    """Everything known before the image is read.
+    """Everything known before the image is read."""
 
-    Attributes:
-        camera: intrinsics.
-        T_r0_c: (4, 4) pose of the camera on a level robot 0.
-        robot: the robot to be found.
-    """
-
-    camera: PinholeCamera
-    T_r0_c: Array
-    robot: SeenRobot
+    camera: PinholeCamera  # intrinsics
+    T_r0_c: Array  # (4, 4) pose of the camera on a level robot 0
+    robot: SeenRobot  # the robot to be found
 
     def points_c(self, states_M6: Array) -> Array:
         """(M, 9, 3) [m] the cuboid's points in the camera."""

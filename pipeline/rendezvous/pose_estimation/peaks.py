@@ -23,17 +23,11 @@ _STEPS = 4
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Peaks:
-    """Maxima of a stack of maps, by rising channel, the highest of each map first.
+    """Maxima of a stack of maps, by rising channel, the highest of each map first."""
 
-    Attributes:
-        channel_P: (P,) index of the map.
-        uv_cells_P2: (P, 2) column and row, sub-cell.
-        height_P: (P,) height of the best-fitting Gaussian of the target's width; 1 for the target itself.
-    """
-
-    channel_P: NDArray[np.int64]
-    uv_cells_P2: Array
-    height_P: Array
+    channel_P: NDArray[np.int64]  # (P,) index of the map
+    uv_cells_P2: Array  # (P, 2) column and row, sub-cell
+    height_P: Array  # (P,) height of the best-fitting Gaussian of the target's width; 1 for the target itself
 
 
 def belief_peaks(

@@ -27,33 +27,27 @@ LEAST_READING_MASS = 0.01
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PoseCalibration:
-    """How to interpret peaks and poses. The defaults suit a network that has not been calibrated.
+    """How to interpret peaks and poses. The defaults suit a network that has not been calibrated."""
 
-    Attributes:
-        peak_floor_cells, peak_scale: fields of `KeypointNoise`.
-        scale: factor on the covariance from the peaks.
-        along_share, across_share: standard deviations added along and across the line of sight, relative to
-            the distance.
-        floor_m, floor_rad: standard deviations added to x and y, and to yaw.
-        degrees_of_freedom: of the Student's t distribution with the resulting covariance; more than 2.
-        sharpness: exponent of the readings' probabilities.
-        bias, of_explained, of_gain: constant and weights of the logistic score; see `score_features`.
-        least_score: score from which the robot counts as found.
-    """
-
+    # peak_floor_cells, peak_scale: fields of `KeypointNoise`.
     peak_floor_cells: float = 0.1
     peak_scale: float = 0.3
-    scale: float = 1.0
+    scale: float = 1.0  # factor on the covariance from the peaks
+    # along_share, across_share: standard deviations added along and across the line of sight, relative to the
+    # distance.
     along_share: float = 0.02
     across_share: float = 0.005
+    # floor_m, floor_rad: standard deviations added to x and y, and to yaw.
     floor_m: float = 0.003
     floor_rad: float = 0.02
+    # Of the Student's t distribution with the resulting covariance; more than 2.
     degrees_of_freedom: float = 1000.0
-    sharpness: float = 1.0
+    sharpness: float = 1.0  # exponent of the readings' probabilities
+    # bias, of_explained, of_gain: constant and weights of the logistic score; see `score_features`.
     bias: float = -8.0
     of_explained: float = 20.0
     of_gain: float = 0.0
-    least_score: float = 0.5
+    least_score: float = 0.5  # score from which the robot counts as found
 
     def __post_init__(self) -> None:
         require_within(

@@ -46,30 +46,19 @@ _RIDGE = 1e-3
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SeenPeaks:
-    """A close look at the robot.
+    """A close look at the robot."""
 
-    Attributes:
-        look: the part of the image.
-        peaks: peaks found there.
-        uv_px: (9, 2) true points in the image.
-    """
-
-    look: Look
-    peaks: Peaks
-    uv_px: Array
+    look: Look  # the part of the image
+    peaks: Peaks  # peaks found there
+    uv_px: Array  # (9, 2) true points in the image
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReadImage:
-    """The readings of an image.
+    """The readings of an image."""
 
-    Attributes:
-        readings: the most probable first; none if nothing looked like the robot.
-        T_r0_r1: the true pose; None without a robot.
-    """
-
-    readings: tuple[Reading, ...]
-    T_r0_r1: SE2 | None
+    readings: tuple[Reading, ...]  # the most probable first; none if nothing looked like the robot
+    T_r0_r1: SE2 | None  # the true pose; None without a robot
 
     @property
     def right(self) -> bool:

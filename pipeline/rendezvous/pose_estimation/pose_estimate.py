@@ -14,21 +14,14 @@ from rendezvous.geometry.se2 import SE2, Array
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PoseMode:
-    """One way to read the image.
+    """One way to read the image."""
 
-    Attributes:
-        T_r0_r1: θ_relative, the pose of robot 1 in robot 0's frame, on the floor.
-        covariance: (3, 3) of the components x [m], y [m], yaw [rad] of `T_r0_r1⁻¹ T_r0_r1_true`.
-        mass: its probability, in (0, 1].
-        T_c_o: (4, 4) pose of the cuboid in the camera from which it was read.
-        degrees_of_freedom: of the Student's t distribution that has this covariance, more than 2; infinite
-            for a normal distribution.
-    """
-
-    T_r0_r1: SE2
-    covariance: Array
-    mass: float
-    T_c_o: Array
+    T_r0_r1: SE2  # θ_relative, the pose of robot 1 in robot 0's frame, on the floor
+    covariance: Array  # (3, 3) of the components x [m], y [m], yaw [rad] of `T_r0_r1⁻¹ T_r0_r1_true`
+    mass: float  # its probability, in (0, 1]
+    T_c_o: Array  # (4, 4) pose of the cuboid in the camera from which it was read
+    # Of the Student's t distribution that has this covariance, more than 2; infinite for a normal
+    # distribution.
     degrees_of_freedom: float = math.inf
 
     def __post_init__(self) -> None:
@@ -40,20 +33,14 @@ class PoseMode:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RelativePose:
-    """An estimate of the relative pose from one image, or the reason why there is none.
+    """An estimate of the relative pose from one image, or the reason why there is none."""
 
-    Attributes:
-        modes: readings of the image, the most probable first; several where the robot's sides are hard to
-            distinguish, none if the robot was not found: a pose is never made up.
-        score: score of the detection, in [0, 1].
-        keypoints_px: (9, 2) the cuboid's points as found in the image, in DOPE's order; NaN if not found.
-        reason: why there is no pose; '' if there is one.
-    """
-
+    # Readings of the image, the most probable first; several where the robot's sides are hard to distinguish,
+    # none if the robot was not found: a pose is never made up.
     modes: tuple[PoseMode, ...]
-    score: float
-    keypoints_px: Array
-    reason: str = ""
+    score: float  # score of the detection, in [0, 1]
+    keypoints_px: Array  # (9, 2) the cuboid's points as found in the image, in DOPE's order; NaN if not found
+    reason: str = ""  # why there is no pose; '' if there is one
 
     def __post_init__(self) -> None:
         assert bool(self.modes) == (not self.reason), "an estimate has either a pose or a reason"

@@ -24,21 +24,13 @@ _ANY_HEIGHT_M, _ANY_TILT_RAD = 10.0, 10.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RefinedStates:
-    """Maxima of the posterior; see `cuboid_pose.Reading`.
+    """Maxima of the posterior; see `cuboid_pose.Reading`."""
 
-    Attributes:
-        states_M6: (M, 6) the states.
-        covariance_M66: (M, 6, 6) their covariances.
-        log_evidence_M: (M,) log of the probability mass around each, up to a shared constant.
-        explained_M: (M,) weight of the peaks that agree with it, mean over the maps, in [0, 1].
-        gain_M: (M,) log likelihood ratio to an image without a robot.
-    """
-
-    states_M6: Array
-    covariance_M66: Array
-    log_evidence_M: Array
-    explained_M: Array
-    gain_M: Array
+    states_M6: Array  # (M, 6) the states
+    covariance_M66: Array  # (M, 6, 6) their covariances
+    log_evidence_M: Array  # (M,) log of the probability mass around each, up to a shared constant
+    explained_M: Array  # (M,) weight of the peaks that agree with it, mean over the maps, in [0, 1]
+    gain_M: Array  # (M,) log likelihood ratio to an image without a robot
 
 
 def lean_precision(*, floor: bool) -> Array:

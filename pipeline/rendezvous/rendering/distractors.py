@@ -32,19 +32,12 @@ class ThingPart:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Thing:
-    """A small thing.
+    """A small thing."""
 
-    Attributes:
-        kind: key into `THINGS`.
-        parts: its parts.
-        radius_m: radius of the circle about the frame's origin that contains it.
-        height_m: height of its top.
-    """
-
-    kind: str
-    parts: tuple[ThingPart, ...]
-    radius_m: float
-    height_m: float
+    kind: str  # key into `THINGS`
+    parts: tuple[ThingPart, ...]  # its parts
+    radius_m: float  # radius of the circle about the frame's origin that contains it
+    height_m: float  # height of its top
 
     def instances(self, T_w_t: Array, *, name: str) -> tuple[Instance, ...]:
         """Its parts at a pose (4, 4), named `name/0`, `name/1`, ..."""

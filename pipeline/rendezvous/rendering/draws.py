@@ -9,20 +9,14 @@ from rendezvous.errors import ConfigError, require_within
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PoseDraws:
-    """How training images are drawn.
+    """How training images are drawn."""
 
-    Attributes:
-        plausible_share: share of images on the floor of a furnished room; the others are fully randomised.
-        absent_share: share of images without the robot.
-        occluded_share: share of images with an object placed in front of the robot.
-        shadow_share: share of images with a lamp that casts shadows.
-        min_range_m, max_range_m: distance from the camera to the centre of the robot's cuboid.
-    """
-
+    # Share of images on the floor of a furnished room; the others are fully randomised.
     plausible_share: float = 0.5
-    absent_share: float = 0.05
-    occluded_share: float = 0.35
-    shadow_share: float = 0.25
+    absent_share: float = 0.05  # share of images without the robot
+    occluded_share: float = 0.35  # share of images with an object placed in front of the robot
+    shadow_share: float = 0.25  # share of images with a lamp that casts shadows
+    # min_range_m, max_range_m: distance from the camera to the centre of the robot's cuboid.
     min_range_m: float = 0.3
     max_range_m: float = 4.0
 

@@ -34,34 +34,22 @@ _CODED: Image = np.round(255.0 * srgb_from_linear(np.arange(CODES) / (CODES - 1.
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CameraEffects:
-    """Effects on one image; by default automatic exposure alone.
+    """Effects on one image; by default automatic exposure alone."""
 
-    Attributes:
-        exposure_ev: stops by which the image is brighter than automatic exposure would make it.
-        balance_k: temperature of the light that the camera takes for white [K].
-        saturation: 0 for grey, 1 for unchanged.
-        contrast: slope of the tone curve about middle grey.
-        vignetting: share of light lost in the image's corners.
-        shot_noise: standard deviation of noise at full brightness 1; grows with the root of the light.
-        read_noise: standard deviation of noise in darkness, on the same scale.
-        motion_blur_px, motion_blur_rad: length and direction of a point's path during exposure.
-        defocus_px: standard deviation of the blur of a point.
-        jpeg_quality: 1 to 100; None for no compression.
-        noise_seed: seed of the noise's own stream.
-    """
-
-    exposure_ev: float = 0.0
-    balance_k: float = WHITE_K
-    saturation: float = 1.0
-    contrast: float = 1.0
-    vignetting: float = 0.0
+    exposure_ev: float = 0.0  # stops by which the image is brighter than automatic exposure would make it
+    balance_k: float = WHITE_K  # temperature of the light that the camera takes for white [K]
+    saturation: float = 1.0  # 0 for grey, 1 for unchanged
+    contrast: float = 1.0  # slope of the tone curve about middle grey
+    vignetting: float = 0.0  # share of light lost in the image's corners
+    # Standard deviation of noise at full brightness 1; grows with the root of the light.
     shot_noise: float = 0.0
-    read_noise: float = 0.0
+    read_noise: float = 0.0  # standard deviation of noise in darkness, on the same scale
+    # motion_blur_px, motion_blur_rad: length and direction of a point's path during exposure.
     motion_blur_px: float = 0.0
     motion_blur_rad: float = 0.0
-    defocus_px: float = 0.0
-    jpeg_quality: int | None = None
-    noise_seed: int = 0
+    defocus_px: float = 0.0  # standard deviation of the blur of a point
+    jpeg_quality: int | None = None  # 1 to 100; None for no compression
+    noise_seed: int = 0  # seed of the noise's own stream
 
     def __post_init__(self) -> None:
         noise = (0.0, math.inf)

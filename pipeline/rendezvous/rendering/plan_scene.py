@@ -110,19 +110,15 @@ def _unit_cylinder() -> trimesh.Trimesh:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RoomLooks:
-    """Materials of a furnished plan, drawn once per episode so that its pictures agree.
+    """Materials of a furnished plan, drawn once per episode so that its pictures agree."""
 
-    Attributes:
-        floor, ceiling, wall, accent: their materials.
-        accent_faces: indices of the walls with the accent's material.
-        pieces: materials of each piece of furniture, by its index; see `materials.piece_materials`.
-    """
-
+    # floor, ceiling, wall, accent: their materials.
     floor: Material
     ceiling: Material
     wall: Material
     accent: Material
-    accent_faces: tuple[int, ...]
+    accent_faces: tuple[int, ...]  # indices of the walls with the accent's material
+    # Materials of each piece of furniture, by its index; see `materials.piece_materials`.
     pieces: Mapping[int, tuple[Material, Material]]
 
     def material_of(self, furniture: Sequence[Solid]) -> MaterialOf:

@@ -37,14 +37,10 @@ VIEW_M = 4.5
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RobotLooks:
-    """The labelled robot.
+    """The labelled robot."""
 
-    Attributes:
-        spec: its dimensions.
-        parts: material of each part as built, by mesh key; meshes are in the robot's frame.
-    """
-
-    spec: RobotSpec
+    spec: RobotSpec  # its dimensions
+    # Material of each part as built, by mesh key; meshes are in the robot's frame.
     parts: Mapping[str, Material]
 
     def instances(self, T_w_r1: Array, worn: Mapping[str, Material]) -> tuple[Instance, ...]:
@@ -76,20 +72,13 @@ class PlacedThing:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Drawn:
-    """A scene to take a picture of.
-
-    Attributes:
-        scene: the scene.
-        effects: the camera's effects on the picture.
-        T_w_r1: (4, 4) pose of the labelled robot; None if it is absent.
-        record: everything that was drawn, as plain JSON.
-        T_r0_c: (4, 4) pose of the camera on the robot that carries it, if drawn; otherwise None.
-    """
+    """A scene to take a picture of."""
 
     scene: Scene
-    effects: CameraEffects
-    T_w_r1: Array | None
-    record: Mapping[str, JsonValue]
+    effects: CameraEffects  # the camera's effects on the picture
+    T_w_r1: Array | None  # (4, 4) pose of the labelled robot; None if it is absent
+    record: Mapping[str, JsonValue]  # everything that was drawn, as plain JSON
+    # (4, 4) pose of the camera on the robot that carries it, if drawn; otherwise None.
     T_r0_c: Array | None = None
 
     def T_c_o(self, cuboid: Cuboid) -> Array | None:

@@ -41,20 +41,14 @@ class LightKind(StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Material:
-    """How a surface reflects (glTF's metallic-roughness model).
+    """How a surface reflects (glTF's metallic-roughness model)."""
 
-    Attributes:
-        base_colour_rgb: linear, 0..1; multiplies the texture.
-        metallic, roughness: 0..1.
-        texture: key into the texture pool; None for a plain surface.
-        texture_scale_m: side of one repeat of the texture, on meshes without UVs.
-    """
-
-    base_colour_rgb: Rgb
+    base_colour_rgb: Rgb  # linear, 0..1; multiplies the texture
+    # metallic, roughness: 0..1.
     metallic: float = 0.0
     roughness: float = 0.8
-    texture: str | None = None
-    texture_scale_m: float = 1.0
+    texture: str | None = None  # key into the texture pool; None for a plain surface
+    texture_scale_m: float = 1.0  # side of one repeat of the texture, on meshes without UVs
 
     def __post_init__(self) -> None:
         values = (*self.base_colour_rgb, self.metallic, self.roughness)
@@ -68,41 +62,26 @@ class Material:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Instance:
-    """A mesh of the pool at a pose.
+    """A mesh of the pool at a pose."""
 
-    Attributes:
-        name: unique in the scene; parts of one object share what precedes a slash: `r1/wheel_left`.
-        mesh: key into the mesh pool.
-        T_w: (4, 4) pose in w, which may scale the mesh along its own axes.
-        material: its material; None for the mesh's own.
-    """
-
-    name: str
-    mesh: str
-    T_w: Array
-    material: Material | None = None
+    name: str  # unique in the scene; parts of one object share what precedes a slash: `r1/wheel_left`
+    mesh: str  # key into the mesh pool
+    T_w: Array  # (4, 4) pose in w, which may scale the mesh along its own axes
+    material: Material | None = None  # its material; None for the mesh's own
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Light:
-    """A lamp.
+    """A lamp."""
 
-    Attributes:
-        kind: how it spreads.
-        T_w: (4, 4) pose in w; it shines along its -z axis.
-        colour_rgb: linear, 0..1.
-        intensity: illuminance [lx] of a directional light, luminous intensity [cd] of the others. Pi lx on a
-            white matt surface, straight on, just reaches white in the picture.
-        casts_shadow: whether its light casts shadows; a point light cannot.
-        cone_rad: half angle of a spot's cone.
-    """
-
-    kind: LightKind
-    T_w: Array
-    colour_rgb: Rgb = (1.0, 1.0, 1.0)
+    kind: LightKind  # how it spreads
+    T_w: Array  # (4, 4) pose in w; it shines along its -z axis
+    colour_rgb: Rgb = (1.0, 1.0, 1.0)  # linear, 0..1
+    # Illuminance [lx] of a directional light, luminous intensity [cd] of the others. Pi lx on a white matt
+    # surface, straight on, just reaches white in the picture.
     intensity: float = 1.0
-    casts_shadow: bool = False
-    cone_rad: float = 0.7
+    casts_shadow: bool = False  # whether its light casts shadows; a point light cannot
+    cone_rad: float = 0.7  # half angle of a spot's cone
 
     def __post_init__(self) -> None:
         if self.casts_shadow and self.kind == LightKind.POINT:
@@ -111,24 +90,15 @@ class Light:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scene:
-    """Everything that a picture depends on.
+    """Everything that a picture depends on."""
 
-    Attributes:
-        camera: intrinsics and size.
-        T_w_c: (4, 4) pose of the camera.
-        instances: the meshes to draw.
-        lights: at most MAX_LIGHTS, of which at most MAX_SHADOWS cast shadows.
-        ambient_rgb: light from all directions, linear.
-        background: (H, W, 3) uint8 behind everything, of the camera's size; None for black.
-        robot: the labelled robot: name of an instance, or what precedes the slash in its parts' names.
-    """
-
-    camera: PinholeCamera
-    T_w_c: Array
-    instances: tuple[Instance, ...]
-    lights: tuple[Light, ...] = ()
-    ambient_rgb: Rgb = (0.0, 0.0, 0.0)
-    background: Image | None = None
+    camera: PinholeCamera  # intrinsics and size
+    T_w_c: Array  # (4, 4) pose of the camera
+    instances: tuple[Instance, ...]  # the meshes to draw
+    lights: tuple[Light, ...] = ()  # at most MAX_LIGHTS, of which at most MAX_SHADOWS cast shadows
+    ambient_rgb: Rgb = (0.0, 0.0, 0.0)  # light from all directions, linear
+    background: Image | None = None  # (H, W, 3) uint8 behind everything, of the camera's size; None for black
+    # The labelled robot: name of an instance, or what precedes the slash in its parts' names.
     robot: str | None = None
 
     def __post_init__(self) -> None:
@@ -155,34 +125,23 @@ class Scene:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rendering:
-    """A picture and what its pixels show.
+    """A picture and what its pixels show."""
 
-    Attributes:
-        rgb: (H, W, 3) uint8, sRGB.
-        instance_ids: (H, W) int32, index into the scene's instances; NO_INSTANCE for the background.
-        depth_m: (H, W) float32 [m] along the camera's axis; inf for the background.
-    """
-
-    rgb: Image
+    rgb: Image  # (H, W, 3) uint8, sRGB
+    # (H, W) int32, index into the scene's instances; NO_INSTANCE for the background.
     instance_ids: NDArray[np.int32]
-    depth_m: NDArray[np.float32]
+    depth_m: NDArray[np.float32]  # (H, W) float32 [m] along the camera's axis; inf for the background
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RobotView:
-    """The robot as a picture shows it.
+    """The robot as a picture shows it."""
 
-    Attributes:
-        visibility: visible pixels / pixels of the whole silhouette; 0 where nothing is seen.
-        box_px: x0, y0, x1, y1 of the outer edges of the visible pixels; None where nothing is seen.
-        visible_px: number of visible pixels.
-        silhouette_px: number of pixels that it would cover unobstructed on a large enough canvas.
-    """
-
-    visibility: float
+    visibility: float  # visible pixels / pixels of the whole silhouette; 0 where nothing is seen
+    # x0, y0, x1, y1 of the outer edges of the visible pixels; None where nothing is seen.
     box_px: tuple[float, float, float, float] | None
-    visible_px: int
-    silhouette_px: int
+    visible_px: int  # number of visible pixels
+    silhouette_px: int  # number of pixels that it would cover unobstructed on a large enough canvas
 
 
 def robot_view(instance_ids: NDArray[np.int32], robot_ids: Sequence[int], *, silhouette_px: int) -> RobotView:

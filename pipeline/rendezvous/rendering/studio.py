@@ -23,29 +23,17 @@ from rendezvous.simulation.robot import RobotSpec
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Picture:
-    """A picture and its label.
+    """A picture and its label."""
 
-    Attributes:
-        rgb: (H, W, 3) uint8, sRGB, after the camera's effects.
-        T_c_o: (4, 4) pose of the robot's cuboid in the camera; None without a robot.
-        projected_cuboid_px: (9, 2) its points in DOPE's order, NaN behind the camera; None without a robot.
-        view: how much of the robot shows, and where.
-    """
-
-    rgb: Image
-    T_c_o: Array | None
+    rgb: Image  # (H, W, 3) uint8, sRGB, after the camera's effects
+    T_c_o: Array | None  # (4, 4) pose of the robot's cuboid in the camera; None without a robot
+    # (9, 2) its points in DOPE's order, NaN behind the camera; None without a robot.
     projected_cuboid_px: Array | None
-    view: RobotView
+    view: RobotView  # how much of the robot shows, and where
 
 
 class Studio:
-    """One robot's looks, textures, and a renderer that holds them; make one per process.
-
-    Attributes:
-        looks: the robot that is seen.
-        textures: the texture pool.
-        camera: intrinsics of the camera that sees it.
-    """
+    """One robot's looks, textures, and a renderer that holds them; make one per process."""
 
     def __init__(
         self,
@@ -68,7 +56,7 @@ class Studio:
         """
         self.looks, robot_meshes = robot_looks(robot, parts)
         self.textures = texture_pool(rng, variants=variants)
-        self.camera = robot.camera.intrinsics()
+        self.camera = robot.camera.intrinsics()  # of the camera that sees it
         self._renderer = Renderer(
             {**plan_meshes(), **thing_meshes(), **robot_meshes},
             self.textures,

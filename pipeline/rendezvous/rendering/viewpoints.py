@@ -24,23 +24,14 @@ LOW_M = 0.3
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FurnishedPlan:
-    """A plan with furniture, prepared for drawing poses in it by `furnished_plan`.
+    """A plan with furniture, prepared for drawing poses in it by `furnished_plan`."""
 
-    Attributes:
-        plan: the floor plan.
-        furniture: its solids.
-        wall_height_m: height of walls and ceiling.
-        floor: floor without furniture on it [m].
-        edge: boundary of that floor [m].
-        clear: area through which a line of sight at a robot's height may pass [m].
-    """
-
-    plan: Floorplan
-    furniture: tuple[Solid, ...]
-    wall_height_m: float
-    floor: shapely.Geometry
-    edge: shapely.Geometry
-    clear: shapely.Geometry
+    plan: Floorplan  # the floor plan
+    furniture: tuple[Solid, ...]  # its solids
+    wall_height_m: float  # height of walls and ceiling
+    floor: shapely.Geometry  # floor without furniture on it [m]
+    edge: shapely.Geometry  # boundary of that floor [m]
+    clear: shapely.Geometry  # area through which a line of sight at a robot's height may pass [m]
 
     def stands(self, xy_m: Array, *, radius_m: float) -> NDArray[np.bool_]:
         """(N,) whether a circle of this radius about each of (N, 2) [m] lies on free floor."""

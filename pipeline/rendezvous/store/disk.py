@@ -27,13 +27,9 @@ _CHUNK_BYTES = 1 << 22
 
 @dataclass(frozen=True)
 class Disk:
-    """One folder. Names of files are relative to it and may contain slashes.
+    """One folder. Names of files are relative to it and may contain slashes."""
 
-    Attributes:
-        root: a local path, or a URI with `://` (s3://bucket/data, gs://..., file:///...).
-    """
-
-    root: str
+    root: str  # a local path, or a URI with `://` (s3://bucket/data, gs://..., file:///...)
 
     @property
     def is_uri(self) -> bool:

@@ -38,21 +38,15 @@ class Shard:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Inputs:
-    """Everything that a shard's content depends on: equal inputs give equal shards.
+    """Everything that a shard's content depends on: equal inputs give equal shards."""
 
-    Attributes:
-        parameters: by full key in `stages.yaml`; nested mappings are flattened, tuples become lists.
-        columns: type of each column written, from `column_types`; empty in records older than this field.
-        items: digest of each item's input, by item id, in order.
-        seed: root seed; None if the content does not depend on it.
-        version: of the stage's code, raised when a change of code changes its output.
-    """
-
+    # By full key in `stages.yaml`; nested mappings are flattened, tuples become lists.
     parameters: Mapping[str, Any]
-    items: Mapping[str, str]
+    items: Mapping[str, str]  # digest of each item's input, by item id, in order
+    # Type of each column written, from `column_types`; empty in records older than this field.
     columns: Mapping[str, str] = field(default_factory=dict)
-    seed: int | None = None
-    version: int = 1
+    seed: int | None = None  # root seed; None if the content does not depend on it
+    version: int = 1  # of the stage's code, raised when a change of code changes its output
 
     def __post_init__(self) -> None:
         # In the form in which records hold them, so that old and new compare.
@@ -101,29 +95,20 @@ def _changes(of: str, old: Mapping[str, str], new: Mapping[str, str]) -> list[st
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ShardRecord:
-    """A finished shard.
+    """A finished shard."""
 
-    Attributes:
-        name: its file, relative to the stage's folder.
-        bytes, sha256: of the file.
-        content_digest: of the rows, whatever the version of pyarrow.
-        rows: number of rows.
-        counts, quarantined: as in `Shard`.
-        items: digest of each item's rows, by id; the input of later stages.
-        inputs: what the shard was made from.
-        versions: of the packages that made it.
-    """
-
-    name: str
+    name: str  # its file, relative to the stage's folder
+    # bytes, sha256: of the file.
     bytes: int
     sha256: str
-    content_digest: str
-    rows: int
+    content_digest: str  # of the rows, whatever the version of pyarrow
+    rows: int  # number of rows
+    # counts, quarantined: as in `Shard`.
     counts: Mapping[str, int]
     quarantined: tuple[Quarantined, ...]
-    items: Mapping[str, str]
-    inputs: Inputs
-    versions: Mapping[str, str]
+    items: Mapping[str, str]  # digest of each item's rows, by id; the input of later stages
+    inputs: Inputs  # what the shard was made from
+    versions: Mapping[str, str]  # of the packages that made it
 
     @staticmethod
     def record_name(shard_name: str) -> str:

@@ -15,20 +15,15 @@ import pyarrow.parquet as pq
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Layout:
-    """How a stage's tables are stored in Parquet files.
+    """How a stage's tables are stored in Parquet files."""
 
-    Attributes:
-        item_column: column with the id of each row's item; None if no stage reads item by item.
-        identity: columns that an item's digest covers; all by default. Derived columns (GLB) stay out, so
-            that a new exporter does not make the stages that follow stale.
-        uncompressed: columns whose content is compressed already (PNG, GLB).
-        row_group_rows: rows per row group.
-    """
-
+    # Column with the id of each row's item; None if no stage reads item by item.
     item_column: str | None = None
+    # Columns that an item's digest covers; all by default. Derived columns (GLB) stay out, so that a new
+    # exporter does not make the stages that follow stale.
     identity: tuple[str, ...] | None = None
-    uncompressed: tuple[str, ...] = ()
-    row_group_rows: int = 1024
+    uncompressed: tuple[str, ...] = ()  # columns whose content is compressed already (PNG, GLB)
+    row_group_rows: int = 1024  # rows per row group
 
 
 def parquet_bytes(table: pa.Table, layout: Layout) -> pa.Buffer:

@@ -13,19 +13,13 @@ from rendezvous.training.frame_error.pairs import PerturbationRange
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sampling:
-    """How samples are drawn from pairs.
+    """How samples are drawn from pairs."""
 
-    Attributes:
-        perturbation: the range of frame errors.
-        augmentation: defects of the maps.
-        sight_withheld: share of samples without the robots' positions and sight: a model must do without,
-            too.
-        window_cells, window_cell_m: cells along a side of the window, and their side.
-    """
-
-    perturbation: PerturbationRange = field(default_factory=PerturbationRange)
-    augmentation: Augmentation = field(default_factory=Augmentation)
+    perturbation: PerturbationRange = field(default_factory=PerturbationRange)  # the range of frame errors
+    augmentation: Augmentation = field(default_factory=Augmentation)  # defects of the maps
+    # Share of samples without the robots' positions and sight: a model must do without, too.
     sight_withheld: float = 0.3
+    # window_cells, window_cell_m: cells along a side of the window, and their side.
     window_cells: int = WINDOW_CELLS
     window_cell_m: float = WINDOW_CELL_M
 
@@ -35,26 +29,16 @@ class Sampling:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Optimisation:
-    """AdamW, a learning rate that rises, then falls along a cosine, and a moving average of the weights.
+    """AdamW, a learning rate that rises, then falls along a cosine, and a moving average of the weights."""
 
-    Attributes:
-        batch_size: samples of each process in a step.
-        learning_rate: the highest; None for the one that suits the model.
-        final_share: share of it that is left at the end.
-        warmup_share: share of the budget over which it rises from 0.
-        weight_decay: of weights; biases and gains of norms have none.
-        clip_norm: largest norm of the gradient.
-        ema_decay: of the moving average of the weights, which is validated and published.
-        precision: of the forward pass: bfloat16 where that is safe, or float32.
-    """
-
-    batch_size: int = 8
-    learning_rate: float | None = None
-    final_share: float = 0.01
-    warmup_share: float = 0.03
-    weight_decay: float = 0.02
-    clip_norm: float = 1.0
-    ema_decay: float = 0.998
+    batch_size: int = 8  # samples of each process in a step
+    learning_rate: float | None = None  # the highest; None for the one that suits the model
+    final_share: float = 0.01  # share of it that is left at the end
+    warmup_share: float = 0.03  # share of the budget over which it rises from 0
+    weight_decay: float = 0.02  # of weights; biases and gains of norms have none
+    clip_norm: float = 1.0  # largest norm of the gradient
+    ema_decay: float = 0.998  # of the moving average of the weights, which is validated and published
+    # Of the forward pass: bfloat16 where that is safe, or float32.
     precision: Literal["bf16", "fp32"] = "bf16"
 
     def __post_init__(self) -> None:

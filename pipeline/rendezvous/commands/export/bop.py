@@ -50,23 +50,14 @@ _LARGEST_DIFFERENCE_M = 1e-6
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BopExport:
-    """What was written.
-
-    Attributes:
-        folder: the folder.
-        robot: name of object 1.
-        images: number of images by BOP's name of the split.
-        seen: number of images that show the robot.
-        left_out: number of images without a box because part of the robot is behind the camera.
-        targets: number of targets in the test split.
-    """
+    """What was written."""
 
     folder: Path
-    robot: str
-    images: Mapping[str, int]
-    seen: int
-    left_out: int
-    targets: int
+    robot: str  # name of object 1
+    images: Mapping[str, int]  # number of images by BOP's name of the split
+    seen: int  # number of images that show the robot
+    left_out: int  # number of images without a box because part of the robot is behind the camera
+    targets: int  # number of targets in the test split
 
     def summary(self) -> str:
         """What was written, in one line."""

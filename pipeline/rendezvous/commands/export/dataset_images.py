@@ -51,21 +51,13 @@ _ID_COLUMNS = {ImageTable.POSES: "pose_id", ImageTable.PAIRS: "pair_id"}
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LabelledImage:
-    """One image of the dataset.
+    """One image of the dataset."""
 
-    Attributes:
-        name: the row's id.
-        robot: the kind of robot in the dataset; it may be absent from this image.
-        T_r1_o: (4, 4) pose of the cuboid on the robot.
-        label: where the robot is.
-        encoded: the image as JPEG or PNG.
-    """
-
-    name: str
-    robot: str
-    T_r1_o: Array
-    label: PoseLabel
-    encoded: bytes
+    name: str  # the row's id
+    robot: str  # the kind of robot in the dataset; it may be absent from this image
+    T_r1_o: Array  # (4, 4) pose of the cuboid on the robot
+    label: PoseLabel  # where the robot is
+    encoded: bytes  # the image as JPEG or PNG
 
     def png(self) -> bytes:
         """The image as PNG: the stored bytes, or the JPEG re-encoded losslessly.
@@ -84,20 +76,14 @@ class LabelledImage:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PublishedSplit:
-    """The files of one split of one table.
+    """The files of one split of one table."""
 
-    Attributes:
-        root: the dataset's folder.
-        table, split: names of the table and the split.
-        files: names within the folder, in order.
-        rows: number of rows in all files.
-    """
-
-    root: str
+    root: str  # the dataset's folder
+    # table, split: names of the table and the split.
     table: ImageTable
     split: str
-    files: tuple[str, ...]
-    rows: int
+    files: tuple[str, ...]  # names within the folder, in order
+    rows: int  # number of rows in all files
 
     def images(self) -> Iterator[LabelledImage]:
         """The images in the order of the files; a batch is in memory at a time.

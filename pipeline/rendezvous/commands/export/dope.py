@@ -29,21 +29,15 @@ CROP_PX = 400
 
 @dataclass(slots=True, kw_only=True)
 class DopeExport:
-    """What was written.
-
-    Attributes:
-        folder: the folder.
-        images: number of images.
-        seen: number of images that show each kind of robot; the kinds are DOPE's classes.
-        cuboids_m: sides of each kind's cuboid along the axes of o.
-        camera: camera of the first image.
-    """
+    """What was written."""
 
     folder: Path
-    images: int = 0
+    images: int = 0  # number of images
+    # Number of images that show each kind of robot; the kinds are DOPE's classes.
     seen: Counter[str] = field(default_factory=Counter)
+    # Sides of each kind's cuboid along the axes of o.
     cuboids_m: dict[str, Vec3] = field(default_factory=dict)
-    camera: PinholeCamera | None = None
+    camera: PinholeCamera | None = None  # camera of the first image
 
     def summary(self) -> str:
         """What was written, and the lines for DOPE's configuration."""

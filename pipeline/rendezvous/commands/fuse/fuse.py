@@ -72,31 +72,18 @@ class FuseRequest:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Fused:
-    """A fusion with all that went into it.
-
-    Attributes:
-        request: the arguments.
-        meeting: maps and poses.
-        result: the fusion.
-        photographs: the images, undistorted.
-        poses: the relative pose estimated from each.
-        camera: the images' camera; None without images.
-        cuboid_size_m: sides of the robot's cuboid.
-        weights: file and SHA-256 of each network used, by name.
-        seconds: time that each part took.
-        warnings: raised while reading the inputs.
-    """
+    """A fusion with all that went into it."""
 
     request: FuseRequest
-    meeting: FusionInput
+    meeting: FusionInput  # maps and poses
     result: FusionResult
-    photographs: tuple[Photograph, ...]
-    poses: tuple[RelativePose, ...]
-    camera: PinholeCamera | None
-    cuboid_size_m: Vec3
-    weights: dict[str, tuple[str, str]]
-    seconds: dict[str, float]
-    warnings: tuple[str, ...]
+    photographs: tuple[Photograph, ...]  # the images, undistorted
+    poses: tuple[RelativePose, ...]  # the relative pose estimated from each
+    camera: PinholeCamera | None  # the images' camera; None without images
+    cuboid_size_m: Vec3  # sides of the robot's cuboid
+    weights: dict[str, tuple[str, str]]  # file and SHA-256 of each network used, by name
+    seconds: dict[str, float]  # time that each part took
+    warnings: tuple[str, ...]  # raised while reading the inputs
 
 
 @dataclass(slots=True)

@@ -30,15 +30,10 @@ FOCAL_SHARES = 0.1, 20.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Photograph:
-    """An undistorted image.
+    """An undistorted image."""
 
-    Attributes:
-        name: for messages and records.
-        image: (H, W, 3) uint8 RGB.
-    """
-
-    name: str
-    image: Image
+    name: str  # for messages and records
+    image: Image  # (H, W, 3) uint8 RGB
 
 
 def read_map(given: MapLike, *, strict: bool) -> OccupancyGrid:

@@ -15,28 +15,18 @@ from rendezvous.rendering.scene import Light, LightKind, Rgb
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Lamp:
-    """A lamp as drawn.
+    """A lamp as drawn."""
 
-    Attributes:
-        kind: directional, spot or point.
-        xyz_m: position in w.
-        aim: unit vector along which it shines.
-        temperature_k: colour temperature.
-        brightness: brightness of a white surface lit straight on: anywhere for a directional lamp, at
-            `reach_m` for the others.
-        reach_m: distance to what it is meant to light; 1 for a directional lamp.
-        casts_shadow: whether it casts shadows.
-        cone_rad: half angle of a spot's cone.
-    """
-
-    kind: LightKind
-    xyz_m: Vec3
-    aim: Vec3
-    temperature_k: float
+    kind: LightKind  # directional, spot or point
+    xyz_m: Vec3  # position in w
+    aim: Vec3  # unit vector along which it shines
+    temperature_k: float  # colour temperature
+    # Brightness of a white surface lit straight on: anywhere for a directional lamp, at `reach_m` for the
+    # others.
     brightness: float
-    reach_m: float
-    casts_shadow: bool = False
-    cone_rad: float = 1.0
+    reach_m: float  # distance to what it is meant to light; 1 for a directional lamp
+    casts_shadow: bool = False  # whether it casts shadows
+    cone_rad: float = 1.0  # half angle of a spot's cone
 
     def light(self) -> Light:
         """The lamp as a light of a scene."""

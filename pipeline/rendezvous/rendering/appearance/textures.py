@@ -18,17 +18,12 @@ from rendezvous.rendering.appearance.noise import Field
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TextureKind:
-    """How textures of a kind are made, and how much surface one covers.
+    """How textures of a kind are made, and how much surface one covers."""
 
-    Attributes:
-        make: makes (S, S, 3) sRGB in [0, 1] from an rng and the side S [px].
-        side_m: smallest and largest side of the square that one repeat covers.
-        neutral: whether it is light grey, to be tinted by a material's colour.
-    """
-
+    # Makes (S, S, 3) sRGB in [0, 1] from an rng and the side S [px].
     make: Callable[[np.random.Generator, int], Field]
-    side_m: tuple[float, float]
-    neutral: bool = False
+    side_m: tuple[float, float]  # smallest and largest side of the square that one repeat covers
+    neutral: bool = False  # whether it is light grey, to be tinted by a material's colour
 
 
 def texture_key(kind: str, variant: int) -> str:

@@ -42,40 +42,23 @@ _SUBPIXEL_BITS = 4
 class Augmentation:
     """How often each defect affects a pair (furniture, cut) or a map (all others), and how strong it can
     be.
-
-    Attributes:
-        untouched: share of pairs that stay as they are; the shares below are of the others.
-        furniture: obstacles appear in both maps, some in one only.
-        furniture_things: largest number of them.
-        cut: map 0 ends at a line, map 1 at a parallel one, so that little overlap is left.
-        cut_overlap_m: least and greatest width of the strip that both keep.
-        bend: the map is bent by smooth waves.
-        bend_m: their greatest amplitude.
-        resolution: the map is redrawn in cells of another size.
-        resolution_m: least and greatest size.
-        rescan: the map is built again from the rays of few scans.
-        spurious: fans of rays pass through walls.
-        thick: walls grow by one cell to all sides.
-        ragged: wall cells are missing, others grown.
-        patches: patches and wedges become unknown.
-        specks: single cells amid the free become unknown or occupied.
     """
 
-    untouched: float = 0.15
-    furniture: float = 0.4
-    furniture_things: int = 12
-    cut: float = 0.3
-    cut_overlap_m: tuple[float, float] = (1.0, 6.0)
-    bend: float = 0.5
-    bend_m: float = 0.03
-    resolution: float = 0.3
-    resolution_m: tuple[float, float] = (0.03, 0.1)
-    rescan: float = 0.4
-    spurious: float = 0.3
-    thick: float = 0.2
-    ragged: float = 0.5
-    patches: float = 0.3
-    specks: float = 0.3
+    untouched: float = 0.15  # share of pairs that stay as they are; the shares below are of the others
+    furniture: float = 0.4  # obstacles appear in both maps, some in one only
+    furniture_things: int = 12  # largest number of them
+    cut: float = 0.3  # map 0 ends at a line, map 1 at a parallel one, so that little overlap is left
+    cut_overlap_m: tuple[float, float] = (1.0, 6.0)  # least and greatest width of the strip that both keep
+    bend: float = 0.5  # the map is bent by smooth waves
+    bend_m: float = 0.03  # their greatest amplitude
+    resolution: float = 0.3  # the map is redrawn in cells of another size
+    resolution_m: tuple[float, float] = (0.03, 0.1)  # least and greatest size
+    rescan: float = 0.4  # the map is built again from the rays of few scans
+    spurious: float = 0.3  # fans of rays pass through walls
+    thick: float = 0.2  # walls grow by one cell to all sides
+    ragged: float = 0.5  # wall cells are missing, others grown
+    patches: float = 0.3  # patches and wedges become unknown
+    specks: float = 0.3  # single cells amid the free become unknown or occupied
 
     def __post_init__(self) -> None:
         shares = ("untouched", "furniture", "cut", "bend", "resolution", "rescan", "spurious", "thick")

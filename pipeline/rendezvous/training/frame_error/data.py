@@ -27,17 +27,11 @@ from rendezvous.training.parameters import Sampling
 
 
 class Batch(TypedDict):
-    """Samples side by side.
+    """Samples side by side."""
 
-    Attributes:
-        cells: (B, 2, N, N) uint8 of `alignment.window`'s cells.
-        sight: (B, 2, N, N) uint8 of `alignment.window`'s sight cells; all hidden where it is withheld.
-        theta: (B, 3) float32 frame error in the window frame: x [m], y [m], yaw [rad].
-    """
-
-    cells: Tensor
-    sight: Tensor
-    theta: Tensor
+    cells: Tensor  # (B, 2, N, N) uint8 of `alignment.window`'s cells
+    sight: Tensor  # (B, 2, N, N) uint8 of `alignment.window`'s sight cells; all hidden where it is withheld
+    theta: Tensor  # (B, 3) float32 frame error in the window frame: x [m], y [m], yaw [rad]
 
 
 class TrainingBatches(NumberedBatches[PerturbedPair, Batch]):

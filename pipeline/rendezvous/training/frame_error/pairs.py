@@ -37,24 +37,16 @@ COLUMNS = ("pair_id", "plan_id", "plan_digest", "seed", *_MAPS, *_POSES, "resolu
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MapPair:
-    """Two maps of one place, and their true alignment.
+    """Two maps of one place, and their true alignment."""
 
-    Attributes:
-        pair_id: unique name.
-        grid_0, grid_1: each robot's map, in its own frame.
-        T_m0_m1: the true pose of map 1 in map 0, under which the maps agree where the robots meet.
-        T_m1_r1: robot 1's pose in its map.
-        T_m0_r0: robot 0's pose in its map when it sees robot 1; None if unknown.
-        overlap: |known_0 ∩ known_1| / |known_0 ∪ known_1| of the stored maps.
-    """
-
-    pair_id: str
+    pair_id: str  # unique name
+    # grid_0, grid_1: each robot's map, in its own frame.
     grid_0: OccupancyGrid
     grid_1: OccupancyGrid
-    T_m0_m1: SE2
-    T_m1_r1: SE2
-    overlap: float
-    T_m0_r0: SE2 | None = None
+    T_m0_m1: SE2  # the true pose of map 1 in map 0, under which the maps agree where the robots meet
+    T_m1_r1: SE2  # robot 1's pose in its map
+    overlap: float  # |known_0 ∩ known_1| / |known_0 ∪ known_1| of the stored maps
+    T_m0_r0: SE2 | None = None  # robot 0's pose in its map when it sees robot 1; None if unknown
 
     @property
     def T_m0_r1(self) -> SE2:
@@ -109,16 +101,13 @@ class PerturbationRange:
 
     A `wide_share` of the samples is drawn from the wide range (for pose estimators that flip a robot's
     heading), the others from the paper's.
-
-    Attributes:
-        xy_m, yaw_rad: half widths.
-        wide_share: share of samples drawn from the wide range instead.
-        wide_xy_m, wide_yaw_rad: half widths of that.
     """
 
+    # xy_m, yaw_rad: half widths.
     xy_m: float = PAPER_XY_M
     yaw_rad: float = PAPER_YAW_RAD
-    wide_share: float = 0.0
+    wide_share: float = 0.0  # share of samples drawn from the wide range instead
+    # wide_xy_m, wide_yaw_rad: half widths of that.
     wide_xy_m: float = 3.0
     wide_yaw_rad: float = math.pi
 

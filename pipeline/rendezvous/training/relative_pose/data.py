@@ -94,14 +94,10 @@ def _look(point_px: Array, place_px: Array, scale: float, sampling: PoseSampling
 
 
 class PoseBatch(TypedDict):
-    """Samples side by side.
+    """Samples side by side."""
 
-    Attributes:
-        image_B3HW: uint8.
-        belief_B9hw, fields_B16hw: float32 of `dope_labels`.
-    """
-
-    image_B3HW: Tensor
+    image_B3HW: Tensor  # uint8
+    # belief_B9hw, fields_B16hw: float32 of `dope_labels`.
     belief_B9hw: Tensor
     fields_B16hw: Tensor
 

@@ -22,33 +22,25 @@ _ANYWHERE = 0.3
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ImageAugmentation:
-    """Augmentation of an input, beyond the variation of the rendering itself.
+    """Augmentation of an input, beyond the variation of the rendering itself."""
 
-    Attributes:
-        gain: each colour channel's gain is within a factor of 1 plus this.
-        offset: of all channels, within ± this share of full brightness.
-        gamma: of all channels, within a factor of 1 plus this.
-        grey_share: share of inputs that lose their colours.
-        blur_share, blur_px: share of blurred inputs, and the largest standard deviation.
-        noise_share, noise: share of noisy inputs, and the largest standard deviation, of full brightness 1.
-        jpeg_share, least_jpeg_quality: share of compressed inputs, and the lowest quality.
-        patch_share, patches: share of inputs with patches that hide parts, and their largest number.
-        patch_size: largest side of a patch, as a share of the robot's span.
-    """
-
-    gain: float = 0.2
-    offset: float = 0.1
-    gamma: float = 0.3
-    grey_share: float = 0.05
+    gain: float = 0.2  # each colour channel's gain is within a factor of 1 plus this
+    offset: float = 0.1  # of all channels, within ± this share of full brightness
+    gamma: float = 0.3  # of all channels, within a factor of 1 plus this
+    grey_share: float = 0.05  # share of inputs that lose their colours
+    # blur_share, blur_px: share of blurred inputs, and the largest standard deviation.
     blur_share: float = 0.25
     blur_px: float = 1.2
+    # noise_share, noise: share of noisy inputs, and the largest standard deviation, of full brightness 1.
     noise_share: float = 0.3
     noise: float = 0.05
+    # jpeg_share, least_jpeg_quality: share of compressed inputs, and the lowest quality.
     jpeg_share: float = 0.25
     least_jpeg_quality: int = 30
+    # patch_share, patches: share of inputs with patches that hide parts, and their largest number.
     patch_share: float = 0.35
     patches: int = 3
-    patch_size: float = 0.4
+    patch_size: float = 0.4  # largest side of a patch, as a share of the robot's span
 
     def __post_init__(self) -> None:
         shares = dict.fromkeys(("grey_share", "blur_share", "noise_share", "jpeg_share"), (0.0, 1.0))
@@ -74,40 +66,30 @@ class PoseSampling:
     A wide look shows the robot anywhere in the input and as little as possible beyond the image's edges, as
     the search for it does; a close look shows it in the middle at the size at which its keypoints are
     measured.
-
-    Attributes:
-        input_px: side of the square input, a multiple of 8.
-        belief_sigma_cells: standard deviation of a belief map's peak.
-        field_radius_cells: radius of a vector field's disc.
-        plausible_share: share of looks at images as another robot takes them; the others show the robot at
-            any attitude before any background. Robots only meet upright ones, and the heading is learnt last.
-        least_visibility: of a labelled robot; images that show less of it, but some, are left out.
-        least_span_px, greatest_span_px: larger side of the robot's projected cuboid in wide looks;
-            log-uniform.
-        least_scale, greatest_scale: of a look: input pixels per image pixel, whatever the span would be.
-        close_share: share of close ones among looks with the robot.
-        close_span_px: larger side of its projected cuboid there.
-        close_jitter_px, close_jitter_log: standard deviations of its place and of the logarithm of its size
-            there; normal.
-        absent_share: share of looks without the robot: at an image without it, or elsewhere in one with it.
-        augmentation: of the input.
     """
 
-    input_px: int = 160
-    belief_sigma_cells: float = 1.0
-    field_radius_cells: int = 2
+    input_px: int = 160  # side of the square input, a multiple of 8
+    belief_sigma_cells: float = 1.0  # standard deviation of a belief map's peak
+    field_radius_cells: int = 2  # radius of a vector field's disc
+    # Share of looks at images as another robot takes them; the others show the robot at any attitude before
+    # any background. Robots only meet upright ones, and the heading is learnt last.
     plausible_share: float = 0.85
-    least_visibility: float = 0.2
+    least_visibility: float = 0.2  # of a labelled robot; images that show less of it, but some, are left out
+    # least_span_px, greatest_span_px: larger side of the robot's projected cuboid in wide looks; log-uniform.
     least_span_px: float = 10.0
     greatest_span_px: float = 140.0
+    # least_scale, greatest_scale: of a look: input pixels per image pixel, whatever the span would be.
     least_scale: float = 0.25
     greatest_scale: float = 3.0
-    close_share: float = 0.7
-    close_span_px: float = 100.0
+    close_share: float = 0.7  # share of close ones among looks with the robot
+    close_span_px: float = 100.0  # larger side of its projected cuboid there
+    # close_jitter_px, close_jitter_log: standard deviations of its place and of the logarithm of its size
+    # there; normal.
     close_jitter_px: float = 10.0
     close_jitter_log: float = 0.2
+    # Share of looks without the robot: at an image without it, or elsewhere in one with it.
     absent_share: float = 0.2
-    augmentation: ImageAugmentation = field(default_factory=ImageAugmentation)
+    augmentation: ImageAugmentation = field(default_factory=ImageAugmentation)  # of the input
 
     def __post_init__(self) -> None:
         require_within(
