@@ -58,9 +58,9 @@ EVALUATIONS = [
         "evaluate-pose --data d --split train --count 3 --images sighting --weights w --no-floor --unseen"
         " --seed 7 --report r --record --records k --workers 2",
         {
-            "dataset": "d/dataset", "split": "train", "count": 3, "kinds": ("sighting",), "weights": Path("w"),
-            "floor": False, "unseen": True, "seed": 7, "folder": Path("r"), "record": True,
-            "records": Path("k"), "workers": 2,
+            "dataset": "d/dataset", "split": "train", "count": 3, "kinds": ("sighting",),
+            "weights": Path("w"), "floor": False, "unseen": True, "seed": 7, "folder": Path("r"),
+            "record": True, "records": Path("k"), "workers": 2,
         },
     ),
     (

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import tempfile
 from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -44,12 +45,30 @@ class _OneLineErrors(typer.core.TyperGroup):
         except PipelineError as error:
             print(f"rendezvous: {' '.join(str(error).split())}", file=sys.stderr)
             raise typer.Exit(2) from error
+        except OSError as error:
+            if _has_temporary_folder():
+                raise
+            reason = " ".join(str(error).split())
+            print(
+                "rendezvous: there is no folder for temporary files, which some packages need; set TMPDIR to "
+                f"one that can be written to ({reason})",
+                file=sys.stderr,
+            )
+            raise typer.Exit(2) from error
         except KeyboardInterrupt as interrupt:
             print(
                 "rendezvous: interrupted; what was finished is kept: run the same command again to go on",
                 file=sys.stderr,
             )
             raise typer.Exit(130) from interrupt
+
+
+def _has_temporary_folder() -> bool:
+    try:
+        tempfile.gettempdir()
+    except FileNotFoundError:
+        return False
+    return True
 
 
 app = typer.Typer(

@@ -105,18 +105,23 @@ def read_camera_info(path: Path) -> CameraInfo:
 
 def write_camera_info(camera: PinholeCamera, path: Path) -> None:
     """Write a camera without distortion in the form of `camera_calibration`."""
+    path.write_bytes(camera_info_bytes(camera, path.stem))
+
+
+def camera_info_bytes(camera: PinholeCamera, name: str) -> bytes:
+    """The YAML of a camera without distortion."""
     K = camera.K()
     fields = {
         "image_width": int(camera.width_px),
         "image_height": int(camera.height_px),
-        "camera_name": path.stem,
+        "camera_name": name,
         "camera_matrix": _matrix(K),
         "distortion_model": "plumb_bob",
         "distortion_coefficients": _matrix(np.zeros((1, 5))),
         "rectification_matrix": _matrix(np.eye(3)),
         "projection_matrix": _matrix(np.column_stack([K, np.zeros(3)])),
     }
-    path.write_text(yaml.safe_dump(fields, sort_keys=False, default_flow_style=None), encoding="utf-8")
+    return yaml.safe_dump(fields, sort_keys=False, default_flow_style=None, encoding="utf-8")
 
 
 def _matrix(values: Array) -> dict[str, Any]:

@@ -92,11 +92,12 @@ def test_a_folder_that_holds_no_dataset_is_named(kind, tmp_path):
     assert not (tmp_path / "out").exists()
 
 
-def test_images_that_dope_cannot_crop_are_refused(tmp_path):
-    publish(tmp_path, "train", [[pose_row(0, image_width_px=320, image_height_px=240)]])
+@pytest.mark.parametrize(("width_px", "height_px"), [(320, 240), (640, 399), (399, 640)])
+def test_images_that_dope_cannot_crop_are_refused(tmp_path, width_px, height_px):
+    publish(tmp_path, "train", [[pose_row(0, image_width_px=width_px, image_height_px=height_px)]])
     code, _, fault = rendezvous("dope", tmp_path, "--out", tmp_path / "out")
     assert code == 2
-    assert "plan-p000: 320x240 px; DOPE's loader crops images to 400x400" in fault
+    assert f"plan-p000: {width_px}x{height_px} px; DOPE's loader crops images to 400x400" in fault
     assert not (tmp_path / "out").exists()
 
 

@@ -11,7 +11,7 @@ import pytest
 from typer.testing import CliRunner
 
 from rendezvous.cli.__main__ import app
-from rendezvous.commands.export.sighting import _best_seen, export_sighting
+from rendezvous.commands.export.sighting import _best_seen, _body_pose, export_sighting
 from rendezvous.geometry.camera import camera_pose
 from rendezvous.geometry.occupancy_grid import grid_from_png
 from rendezvous.geometry.se2 import SE2
@@ -80,7 +80,9 @@ def test_without_a_name_it_is_the_first_that_shows_the_whole_robot(seen: Path, t
     )
 
 
-@pytest.mark.parametrize(("shares", "index"), [([0.5, None, 0.97, 1.0], 2), ([0.5, 0.9], 0), ([None], 0)])
+@pytest.mark.parametrize(
+    ("shares", "index"), [([0.5, None, 0.97, 1.0], 2), ([0.5, 0.94, 0.95], 2), ([0.5, 0.9], 0), ([None], 0)]
+)
 def test_the_whole_robot_comes_before_a_part_of_it(shares, index):
     assert _best_seen(pa.table({"visibility": pa.array(shares, pa.float64())})) == index
 
@@ -111,3 +113,8 @@ def test_without_an_image_the_command_fuses_by_the_true_relative_pose(tmp_path: 
     T_m0_m1 = SE2(**record["T_m0_m1"])
     left = (T_m0_m1.inverse() @ row["T_m0_m1_local"]).wrapped()
     assert left.as_array() == pytest.approx(np.zeros(3), abs=1e-3)
+
+
+def test_a_cameras_pose_is_told_as_fuse_reads_it_however_it_is_turned():
+    mounted = np.array([0.1, -0.2, 0.3, 0.4, -0.5, 0.6])
+    np.testing.assert_allclose(_body_pose(camera_pose(mounted[:3], mounted[3:])), mounted, atol=1e-12)

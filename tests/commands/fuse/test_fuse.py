@@ -5,6 +5,7 @@ import math
 import subprocess
 import sys
 from pathlib import Path
+from time import perf_counter
 
 import cv2
 import numpy as np
@@ -16,6 +17,7 @@ from rendezvous.alignment.frame_error import frame_error
 from rendezvous.cli.__main__ import app
 from rendezvous.commands.fuse.arguments import MERGINGS, REFINEMENTS
 from rendezvous.commands.fuse.from_python import fuse
+from rendezvous.commands.fuse.outputs import summary
 from rendezvous.errors import CameraError, ConfigError, MapError, PipelineError, SightingError
 from rendezvous.fusion.merge import Merging, probabilistically_merged
 from rendezvous.fusion.refinement import Refinement
@@ -112,6 +114,7 @@ def test_the_caller_keeps_its_threads(given: Path):
 
 
 def test_what_it_writes_can_be_read(given: Path, tmp_path: Path):
+    started_s = perf_counter()
     result = fuse(
         *maps(given),
         **POSES,
@@ -135,6 +138,22 @@ def test_what_it_writes_can_be_read(given: Path, tmp_path: Path):
     assert told["frame_error"]["covariance"] == pytest.approx(result.covariance)
     assert set(told["seconds"]) == {"read", "load", "see", "refine", "merge", "check"}
     assert told["inputs"]["images"] == [str(given / "image.png")]
+    assert (told["overlap"], told["reasons"]) == (result.overlap, [])
+    assert result.before.wall_share < result.after.wall_share
+    for told_of, agreement in (("agreement_before", result.before), ("agreement_after", result.after)):
+        assert told[told_of] == {
+            "wall_share": agreement.wall_share,
+            "conflict_share": agreement.conflict_share,
+            "compared_cells": agreement.compared,
+            "cells_known_in_both": agreement.known_in_both,
+        }
+    said = summary(result, tmp_path).splitlines()
+    before, after = (f"{100.0 * found.wall_share:.0f}%" for found in (result.before, result.after))
+    assert said[0] == "accepted"
+    assert said[2].endswith(f"that coincide: {before} by the sighting alone, {after} now")
+    seconds = [float(word) for word in said[3].replace(",", "").split()[2::2]]
+    assert seconds == pytest.approx(list(told["seconds"].values()), abs=0.006)
+    assert 0.0 < sum(seconds) < perf_counter() - started_s
 
 
 def test_the_cuboid_is_drawn_where_the_pose_has_it(given: Path, tmp_path: Path):
@@ -168,6 +187,12 @@ def test_several_images_are_combined_and_each_is_drawn(given: Path, tmp_path: Pa
     assert result.sighting.found_in == (0, 1, 2)
     assert result.sighting.contradicted_by == (2,)
     assert result.sighting.best.covariance == pytest.approx(FINE / 2.0)
+    told = json.loads((tmp_path / "result.json").read_text())
+    assert [(mode["mass"], mode["images"]) for mode in told["sighting"]] == [
+        (mode.mass, list(mode.images)) for mode in result.sighting.modes
+    ]
+    assert [image["found"] for image in told["images"]] == [True, True, True, False]
+    assert [image["reason"] for image in told["images"]] == ["", "", "", "too dark"]
     assert len(list(tmp_path.glob("image_?.png"))) == 4
     fuse(*maps(given), **POSES, relative=T_R0_R1, refine="none", out=tmp_path)
     assert not list(tmp_path.glob("image*.png")), "pictures of another fusion must not stay"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import difflib
 import shlex
-import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -18,9 +17,9 @@ from rendezvous.errors import StoreError
 from rendezvous.geometry.camera import R_BODY_OPTICAL, PinholeCamera
 from rendezvous.geometry.occupancy_grid import grid_from_png
 from rendezvous.geometry.se2 import SE2, Array
-from rendezvous.interop.camera_info import write_camera_info
+from rendezvous.interop.camera_info import camera_info_bytes
 from rendezvous.interop.decoding import decoded
-from rendezvous.interop.ros_map import write_ros_map
+from rendezvous.interop.ros_map import ros_map_bytes
 from rendezvous.schema import PAIRS
 from rendezvous.store.disk import Disk
 from rendezvous.store.read import StageReader
@@ -53,20 +52,17 @@ def export_sighting(dataset: str, pair_id: str | None, out: Path) -> str:
         StoreError: there is no such dataset or pair, or a file cannot be written.
     """
     row = _row(StageReader(dataset, "pack"), pair_id)
+    command = _command(row, out)
+    files = {_COMMAND: f"{command}\n".encode(errors="surrogateescape")}
+    for i in (0, 1):
+        grid = grid_from_png(row[f"map_{i}"], resolution_m=row["resolution_m"], T_m_g=row[f"origin_{i}"])
+        files[f"map{i}.pgm"], files[f"map{i}.yaml"] = ros_map_bytes(grid, f"map{i}.pgm")
+    if row["image"]:
+        camera = PinholeCamera.of_matrix(row["K"], row["image_width_px"], row["image_height_px"])
+        files |= {"camera.yaml": camera_info_bytes(camera, "camera"), "image.png": _png(row)}
     disk = Disk(str(out))
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        for i in (0, 1):
-            grid = grid_from_png(row[f"map_{i}"], resolution_m=row["resolution_m"], T_m_g=row[f"origin_{i}"])
-            write_ros_map(grid, folder / f"map{i}.yaml")
-        if row["image"]:
-            camera = PinholeCamera.of_matrix(row["K"], row["image_width_px"], row["image_height_px"])
-            write_camera_info(camera, folder / "camera.yaml")
-            (folder / "image.png").write_bytes(_png(row))
-        command = _command(row, out)
-        (folder / _COMMAND).write_bytes(f"{command}\n".encode(errors="surrogateescape"))
-        for path in sorted(folder.iterdir()):
-            disk.write(path.name, path.read_bytes())
+    for name, content in sorted(files.items()):
+        disk.write(name, content)
     return command
 
 
