@@ -131,6 +131,10 @@ def test_a_plan_is_exported_as_files(run: Run, tmp_path: Path):
     paths = export_plan(run.read("meshes"), "gen-000002", tmp_path / "out")
     names = {path.name for path in paths}
     assert names == {f"gen-000002{end}" for end in (".json", ".glb", "-furnished.glb", ".xml")}
+    (row,) = (row for row in run.read("meshes").rows() if row["plan_id"] == "gen-000002")
+    for end, column in ((".glb", "glb"), ("-furnished.glb", "glb_furnished")):
+        assert (tmp_path / "out" / f"gen-000002{end}").read_bytes() == row[column]
+    assert row["glb"] != row["glb_furnished"]
     assert mujoco.MjModel.from_xml_path(str(tmp_path / "out" / "gen-000002.xml")).nbody > 2
     assert json.loads((tmp_path / "out" / "gen-000002.json").read_text())["id"] == "gen-000002"
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import islice
 
 import numpy as np
@@ -80,7 +81,18 @@ def test_every_epoch_sees_every_row_once_in_an_order_of_its_own():
 
 
 def test_another_seed_gives_other_samples(pairs: PairTable):
-    assert not same(batches(pairs)[0], batches(pairs, seed=1)[0])
+    one = PairTable("train", pairs.table.slice(0, 1))  # whose order is the same for every seed
+    for found in (pairs, one):
+        assert not same(batches(found)[0], batches(found, seed=1)[0])
+        measured = (validation_batches(found, SAMPLING, seed=seed, count=1, batch_size=1) for seed in (0, 1))
+        assert not same(*(first for (first,) in measured))
+
+
+@pytest.mark.parametrize("share", [0.0, 1.0])
+def test_sight_is_withheld_from_as_many_samples_as_told(pairs: PairTable, share: float):
+    sampling = replace(SAMPLING, sight_withheld=share)
+    shown = [TrainingBatches(pairs, sampling, seed=0, batch_size=1)[step]["sight"].any() for step in range(3)]
+    assert shown == [not share] * 3
 
 
 def test_validation_pairs_are_untouched_and_always_the_same(pairs: PairTable):

@@ -70,6 +70,14 @@ def test_a_sample_does_not_depend_on_those_before_it(poses: PoseTable):
     assert not np.array_equal(there[0].image, batches(poses, seed=1).sample(0).image)
 
 
+def test_another_seed_gives_other_looks_at_the_same_images(poses: PoseTable):
+    one, other = batches(poses), batches(poses, seed=1)
+    other._orders = one._orders
+    assert not any(np.array_equal(one.sample(n).image, other.sample(n).image) for n in range(3))
+    looks = (validation_samples(poses, PoseSampling(), seed=seed, count=5) for seed in (0, 1))
+    assert any(not np.array_equal(a.image, b.image) for a, b in zip(*looks, strict=False))
+
+
 def test_processes_share_what_one_would_see_in_larger_batches(poses: PoseTable):
     whole = batches(poses, batch_size=6)[1]
     shares = [batches(poses, rank=rank, processes=2)[1] for rank in (0, 1)]
