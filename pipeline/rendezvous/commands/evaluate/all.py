@@ -19,15 +19,11 @@ from rendezvous.stages.weights.pose_source import PoseSource
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EveryEvaluation(EvaluationSettings):
-    """All evaluations of one dataset.
+    """All evaluations of one dataset."""
 
-    Attributes:
-        count: at most this many pairs, and as many images; None for all pairs and 1,000 images.
-        source: makes the estimator of the relative pose, instead of weights.
-    """
-
+    # At most this many pairs, and as many images; None for all pairs and 1,000 images.
     count: int | None = None
-    source: PoseSource | None = None
+    source: PoseSource | None = None  # makes the estimator of the relative pose, instead of weights
 
 
 def evaluate_all(settings: EveryEvaluation) -> Path:

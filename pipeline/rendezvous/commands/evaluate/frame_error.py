@@ -63,27 +63,19 @@ _PACKAGES = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Evaluation(EvaluationSettings):
-    """An evaluation of frame-error estimators.
+    """An evaluation of frame-error estimators."""
 
-    Attributes:
-        count: at most this many pairs, drawn at random; None for all.
-        methods: names of shipped and installed methods, or `package.module:Class`; none for all that need no
-            weights or whose weights are found.
-        own: further methods by name, which always run.
-        weights: files of some networks' weights.
-        xy_range_m, yaw_range_deg: half widths of the frame errors' uniform distribution.
-        records: folder of recorded rows.
-        record: whether to record this run's rows there.
-    """
-
-    count: int | None = None
+    count: int | None = None  # at most this many pairs, drawn at random; None for all
+    # Names of shipped and installed methods, or `package.module:Class`; none for all that need no weights or
+    # whose weights are found.
     methods: tuple[str, ...] = ()
-    own: Mapping[str, Method] = field(default_factory=dict)
-    weights: Mapping[str, Path] = field(default_factory=dict)
+    own: Mapping[str, Method] = field(default_factory=dict)  # further methods by name, which always run
+    weights: Mapping[str, Path] = field(default_factory=dict)  # files of some networks' weights
+    # xy_range_m, yaw_range_deg: half widths of the frame errors' uniform distribution.
     xy_range_m: float = PAPER_XY_M
     yaw_range_deg: float = math.degrees(PAPER_YAW_RAD)
-    records: Path = RECORDS
-    record: bool = False
+    records: Path = RECORDS  # folder of recorded rows
+    record: bool = False  # whether to record this run's rows there
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -55,15 +55,10 @@ _PACKAGES = ("rendezvous-fusion", "numpy", "scipy", "opencv-python-headless", "n
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FusionEvaluation(ImageEvaluation):
-    """What to measure.
+    """What to measure."""
 
-    Attributes:
-        count: largest number of rendezvous, drawn at random; None for all.
-        methods: of `runs.METHODS`; empty for all that can run.
-    """
-
-    count: int | None = None
-    methods: tuple[str, ...] = ()
+    count: int | None = None  # largest number of rendezvous, drawn at random; None for all
+    methods: tuple[str, ...] = ()  # of `runs.METHODS`; empty for all that can run
     records: Path = FUSION_RECORDS
 
 

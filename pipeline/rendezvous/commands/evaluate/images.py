@@ -20,21 +20,13 @@ from rendezvous.stages.weights.provenance import commit, hardware
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ImageEvaluation(EvaluationSettings):
-    """What to measure on images.
+    """What to measure on images."""
 
-    Attributes:
-        weights: of the relative pose, or None for those in `runs/`, then the shipped ones.
-        records: folder of recorded figures.
-        record: whether to record this run's figures there.
-        unseen: whether to leave out floor plans that the weights were trained on.
-        source: what makes the estimator of the relative pose, instead of weights.
-    """
-
-    weights: Path | None = None
-    records: Path
-    record: bool = False
-    unseen: bool = False
-    source: PoseSource | None = None
+    weights: Path | None = None  # of the relative pose, or None for those in `runs/`, then the shipped ones
+    records: Path  # folder of recorded figures
+    record: bool = False  # whether to record this run's figures there
+    unseen: bool = False  # whether to leave out floor plans that the weights were trained on
+    source: PoseSource | None = None  # what makes the estimator of the relative pose, instead of weights
 
 
 def require_robot_of_images(images: Sequence[SeenImage], source: PoseSource, dataset: str) -> None:

@@ -28,17 +28,11 @@ class FusionCase:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FusionCases:
-    """The rendezvous of one evaluation; maps are decoded on access.
+    """The rendezvous of one evaluation; maps are decoded on access."""
 
-    Attributes:
-        pairs: of maps.
-        indices: the pairs that are used.
-        images: one for each of them.
-    """
-
-    pairs: PairTable
-    indices: tuple[int, ...]
-    images: tuple[SeenImage, ...]
+    pairs: PairTable  # of maps
+    indices: tuple[int, ...]  # the pairs that are used
+    images: tuple[SeenImage, ...]  # one for each of them
 
     def __len__(self) -> int:
         return len(self.indices)
@@ -55,17 +49,11 @@ class FusionCases:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FusionSetup:
-    """The runs of every rendezvous; can be pickled.
+    """The runs of every rendezvous; can be pickled."""
 
-    Attributes:
-        source: of the relative pose.
-        methods: of `REFINEMENTS`.
-        matcher: with weights; None where no method needs it.
-    """
-
-    source: PoseSource
-    methods: tuple[str, ...] = tuple(REFINEMENTS)
-    matcher: SelectedMethod | None = None
+    source: PoseSource  # of the relative pose
+    methods: tuple[str, ...] = tuple(REFINEMENTS)  # of `REFINEMENTS`
+    matcher: SelectedMethod | None = None  # with weights; None where no method needs it
 
     def refiners(self) -> dict[str, Refiner | None]:
         """The refiner of each method that can run."""

@@ -53,23 +53,14 @@ Outcome = TypeVar("Outcome", bound=Kept)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EvaluationSettings:
-    """What all evaluations ask for.
+    """What all evaluations ask for."""
 
-    Attributes:
-        dataset: folder that `pack` wrote.
-        split: of it.
-        seed: of everything that is drawn.
-        folder: of the report.
-        workers: number of processes; 1 means this one.
-        console: for progress and messages.
-    """
-
-    dataset: str = "data/dataset"
-    split: str = "test"
-    seed: int = 0
-    folder: Path = Path("report")
-    workers: int = 1
-    console: Console = field(default_factory=lambda: Console(stderr=True))
+    dataset: str = "data/dataset"  # folder that `pack` wrote
+    split: str = "test"  # of it
+    seed: int = 0  # of everything that is drawn
+    folder: Path = Path("report")  # of the report
+    workers: int = 1  # number of processes; 1 means this one
+    console: Console = field(default_factory=lambda: Console(stderr=True))  # for progress and messages
 
     def require_split(self) -> None:
         """Check that there is such a split.
@@ -93,28 +84,18 @@ class EvaluationSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Measurement(Generic[Item, Outcome]):
-    """How items are measured.
+    """How items are measured."""
 
-    Attributes:
-        command: the user's, for messages.
-        cache: name of the folder of kept outcomes in that of the report.
-        name: what is measured; the cache file's name begins with it.
-        items_name: plural noun for the items.
-        measure: outcomes of some items, in order; can be pickled.
-        from_json: inverse of an outcome's `to_json`.
-        key: everything that outcomes depend on beside code and packages, as JSON values; empty if that is not
-            known: then outcomes are not kept.
-        in_this_process: `measure` uses all cores itself, or cannot be pickled.
-    """
-
-    command: str
-    cache: str
-    name: str
-    items_name: str
-    measure: Callable[[Sequence[Item]], Sequence[Outcome]]
-    from_json: Callable[[Mapping[str, Any]], Outcome]
+    command: str  # the user's, for messages
+    cache: str  # name of the folder of kept outcomes in that of the report
+    name: str  # what is measured; the cache file's name begins with it
+    items_name: str  # plural noun for the items
+    measure: Callable[[Sequence[Item]], Sequence[Outcome]]  # outcomes of some items, in order; can be pickled
+    from_json: Callable[[Mapping[str, Any]], Outcome]  # inverse of an outcome's `to_json`
+    # Everything that outcomes depend on beside code and packages, as JSON values; empty if that is not known:
+    # then outcomes are not kept.
     key: Mapping[str, Any]
-    in_this_process: bool = False
+    in_this_process: bool = False  # `measure` uses all cores itself, or cannot be pickled
 
 
 def measured(

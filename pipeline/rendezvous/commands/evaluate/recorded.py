@@ -18,15 +18,10 @@ from rendezvous.store.records import json_bytes
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RecordFolder(Generic[Row]):
-    """Recorded rows of one evaluation.
-
-    Attributes:
-        disk: the folder.
-        rows: by file name.
-    """
+    """Recorded rows of one evaluation."""
 
     disk: Disk
-    rows: Mapping[str, Row]
+    rows: Mapping[str, Row]  # by file name
 
     @staticmethod
     def read(folder: Path, kind: type[Row], *, command: str) -> RecordFolder[Row]:

@@ -45,17 +45,11 @@ _PACKAGES = ("rendezvous-fusion", "numpy", "scipy", "opencv-python-headless", "n
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PoseEvaluation(ImageEvaluation):
-    """What to measure.
+    """What to measure."""
 
-    Attributes:
-        count: largest number of images, drawn at random; None for all.
-        kinds: of `seen_images.KINDS`.
-        floor: whether the estimator takes the floor as known; None for both, side by side.
-    """
-
-    count: int | None = 1000
-    kinds: tuple[str, ...] = KINDS
-    floor: bool | None = None
+    count: int | None = 1000  # largest number of images, drawn at random; None for all
+    kinds: tuple[str, ...] = KINDS  # of `seen_images.KINDS`
+    floor: bool | None = None  # whether the estimator takes the floor as known; None for both, side by side
     records: Path = POSE_RECORDS
 
 

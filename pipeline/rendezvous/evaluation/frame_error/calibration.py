@@ -18,23 +18,17 @@ LEVELS = (0.5, 0.9, 0.95)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Calibration:
-    """How well a method's covariances describe its errors, over the estimates that have one.
+    """How well a method's covariances describe its errors, over the estimates that have one."""
 
-    Attributes:
-        count: of them.
-        coverage: by `LEVELS`, share of errors inside the ellipsoid of that probability.
-        nees_mean, nees_median: the mean is 3 if covariances are right; the median is then 2.37 for normal
-            errors, and less for heavy tails.
-        spread_nll: mean negative log density of the true frame error under the normal or t distribution.
-        posterior_nll: the same under the method's own posterior; None if it has none.
-    """
-
-    count: int
-    coverage: tuple[Interval, ...]
+    count: int  # of them
+    coverage: tuple[Interval, ...]  # by `LEVELS`, share of errors inside the ellipsoid of that probability
+    # nees_mean, nees_median: the mean is 3 if covariances are right; the median is then 2.37 for normal
+    # errors, and less for heavy tails.
     nees_mean: FiniteOrNot
     nees_median: float
+    # Mean negative log density of the true frame error under the normal or t distribution.
     spread_nll: FiniteOrNot
-    posterior_nll: float | None
+    posterior_nll: float | None  # the same under the method's own posterior; None if it has none
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -91,17 +85,11 @@ def calibration(outcomes: pd.DataFrame) -> Calibration | None:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Warnings:
-    """How well a method flags what it does not know.
+    """How well a method flags what it does not know."""
 
-    Attributes:
-        flagged: share of pairs for which it has no estimate or calls it ambiguous.
-        wrong_unflagged: share of the others that are off by more than WRONG_M or WRONG_RAD.
-        wrong_flagged: the same share among the flagged.
-    """
-
-    flagged: Interval
-    wrong_unflagged: Interval
-    wrong_flagged: Interval
+    flagged: Interval  # share of pairs for which it has no estimate or calls it ambiguous
+    wrong_unflagged: Interval  # share of the others that are off by more than WRONG_M or WRONG_RAD
+    wrong_flagged: Interval  # the same share among the flagged
 
 
 def warnings(outcomes: pd.DataFrame) -> Warnings:

@@ -23,31 +23,19 @@ OVERLAP_BINS = ("< 0.1", "0.1–0.25", "0.25–0.5", "> 0.5")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outcome(JsonRecord):
-    """One method's estimate of one pair's frame error.
-
-    Attributes:
-        pair_id: identifies the pair.
-        theta: the true frame error θ in the window's frame.
-        theta_hat: the estimate θ̂; None if there is none.
-        covariance: (3, 3) the method's own, of the components of θ̂⁻¹ θ; None if it gives none.
-        degrees_of_freedom: of the t distribution that has this covariance; infinite for a normal one.
-        ambiguous: whether the method calls its own estimate so.
-        reason: why there is no estimate; '' if there is one.
-        log_density: of θ under the method's posterior [1 / (m² rad)]; None if it has no posterior.
-        meeting_error_m: distance from where T̂ = T_m0_m1 puts robot 1 to where it is.
-        duration_s: of the estimate alone.
-    """
+    """One method's estimate of one pair's frame error."""
 
     pair_id: str
-    theta: Pose
-    theta_hat: OptionalPose
-    covariance: OptionalArray
+    theta: Pose  # the true frame error θ in the window's frame
+    theta_hat: OptionalPose  # the estimate θ̂; None if there is none
+    covariance: OptionalArray  # (3, 3), the method's own, of the components of θ̂⁻¹ θ; None if it gives none
+    # Of the t distribution that has this covariance; infinite for a normal one.
     degrees_of_freedom: FiniteOrNot
-    ambiguous: bool
-    reason: str
-    log_density: float | None
-    meeting_error_m: float
-    duration_s: float
+    ambiguous: bool  # whether the method calls its own estimate so
+    reason: str  # why there is no estimate; '' if there is one
+    log_density: float | None  # of θ under the method's posterior [1 / (m² rad)]; None if it has no posterior
+    meeting_error_m: float  # distance from where T̂ = T_m0_m1 puts robot 1 to where it is
+    duration_s: float  # of the estimate alone
 
     @property
     def error(self) -> SE2:

@@ -55,20 +55,14 @@ def shown_once(named: Mapping[str, Iterable[int]]) -> list[tuple[str, int]]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Panel:
-    """One picture of a pair.
+    """One picture of a pair."""
 
-    Attributes:
-        name: `truth`, `input`, or a method's.
-        image: (PANEL_PX, PANEL_PX, 3).
-        position_m, heading_rad: the error in the picture; None for the truth.
-        failed: the method found no estimate, and the input is shown.
-    """
-
-    name: str
-    image: Image
+    name: str  # `truth`, `input`, or a method's
+    image: Image  # (PANEL_PX, PANEL_PX, 3)
+    # position_m, heading_rad: the error in the picture; None for the truth.
     position_m: float | None
     heading_rad: float | None
-    failed: bool = False
+    failed: bool = False  # the method found no estimate, and the input is shown
 
     @property
     def good(self) -> bool | None:

@@ -16,29 +16,20 @@ _LEARNED_SHARE = 0.8
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Conditions:
-    """The pairs and frame errors on which all methods of one evaluation were measured.
+    """The pairs and frame errors on which all methods of one evaluation were measured."""
 
-    Attributes:
-        split: of the dataset.
-        pairs, plans: their numbers.
-        data_digest: digest of the pairs' content.
-        perturbation_digest: digest of the frame errors that were drawn.
-        seed: of the frame errors.
-        xy_range_m, yaw_range_deg: half widths of their uniform distribution.
-        commit: of the code, or '' if unknown.
-        hardware: of the machine.
-    """
-
-    split: str
+    split: str  # of the dataset
+    # pairs, plans: their numbers.
     pairs: int
     plans: int
-    data_digest: str
-    perturbation_digest: str
-    seed: int
+    data_digest: str  # digest of the pairs' content
+    perturbation_digest: str  # digest of the frame errors that were drawn
+    seed: int  # of the frame errors
+    # xy_range_m, yaw_range_deg: half widths of their uniform distribution.
     xy_range_m: float
     yaw_range_deg: float
-    commit: str
-    hardware: str
+    commit: str  # of the code, or '' if unknown
+    hardware: str  # of the machine
 
     def comparable(self, other: Conditions) -> bool:
         """Whether split and range of the frame errors are equal, so that errors can stand in one table."""
@@ -63,23 +54,16 @@ class Conditions:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MeasuredRow(JsonRecord):
-    """One method under some conditions.
-
-    Attributes:
-        method: its name.
-        conditions: what it was measured on.
-        summary: its figures.
-        training: None for a method without weights.
-        plans_trained_on: how many of the measured floor plans it was trained on; None if unknown, or if the
-            method has no weights.
-    """
+    """One method under some conditions."""
 
     method: str
-    conditions: Conditions
-    training: Training | None
+    conditions: Conditions  # what it was measured on
+    training: Training | None  # None for a method without weights
     # Rows recorded before this was counted do not have it.
+    # How many of the measured floor plans it was trained on; None if unknown, or if the method has no
+    # weights.
     plans_trained_on: int | None = None
-    summary: Summary
+    summary: Summary  # its figures
 
     @property
     def name(self) -> str:

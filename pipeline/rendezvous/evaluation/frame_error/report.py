@@ -30,31 +30,22 @@ KEY = "frame_error"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrameErrorContent:
-    """Everything the part shows.
+    """Everything the part shows."""
 
-    Attributes:
-        conditions: of this run's measurements.
-        methods: the shipped methods and those that the user added, by name, in the order of tables.
-        outcomes: the `outcome_table` of this run.
-        rows: figures by method, measured in this run or recorded, in the order of tables.
-        symmetry: errors on symmetric scenes; None where frame errors are too small for them to matter.
-        comparisons: the best method of this run against each other one.
-        gallery: pairs that are drawn.
-        attention: by method, pictures of what it attends to, one for each pair of the gallery.
-        dataset: its folder.
-        versions: of packages.
-    """
-
-    conditions: Conditions
+    conditions: Conditions  # of this run's measurements
+    # The shipped methods and those that the user added, by name, in the order of tables.
     methods: Mapping[str, Method]
-    outcomes: pd.DataFrame
+    outcomes: pd.DataFrame  # the `outcome_table` of this run
+    # Figures by method, measured in this run or recorded, in the order of tables.
     rows: Mapping[str, MeasuredRow]
+    # Errors on symmetric scenes; None where frame errors are too small for them to matter.
     symmetry: Symmetry | None
-    comparisons: Sequence[Comparison]
-    gallery: Sequence[Shown]
+    comparisons: Sequence[Comparison]  # the best method of this run against each other one
+    gallery: Sequence[Shown]  # pairs that are drawn
+    # By method, pictures of what it attends to, one for each pair of the gallery.
     attention: Mapping[str, Sequence[Panel]]
-    dataset: str
-    versions: Mapping[str, str]
+    dataset: str  # its folder
+    versions: Mapping[str, str]  # of packages
 
     @property
     def measured(self) -> list[str]:

@@ -14,49 +14,32 @@ from rendezvous.geometry.se2 import Array
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Accuracy:
-    """Errors over a set of pairs; a failure counts as no correction, and never as a success.
+    """Errors over a set of pairs; a failure counts as no correction, and never as a success."""
 
-    Attributes:
-        count: of pairs.
-        mean: mean absolute x [m], y [m], yaw [rad] of θ̂⁻¹ θ.
-        median: of the same.
-        position_m, heading_rad: mean distance and absolute angle.
-        position_p95_m, heading_p95_rad: their 95th percentiles.
-        meeting_m: mean distance by which T̂ misplaces robot 1.
-        success: share within SUCCESS_M and SUCCESS_RAD.
-        failures: share without an estimate.
-    """
-
-    count: int
-    mean: tuple[Interval, Interval, Interval]
-    median: tuple[float, float, float]
+    count: int  # of pairs
+    mean: tuple[Interval, Interval, Interval]  # mean absolute x [m], y [m], yaw [rad] of θ̂⁻¹ θ
+    median: tuple[float, float, float]  # of the same
+    # position_m, heading_rad: mean distance and absolute angle.
     position_m: Interval
     heading_rad: Interval
+    # position_p95_m, heading_p95_rad: their 95th percentiles.
     position_p95_m: float
     heading_p95_rad: float
-    meeting_m: Interval
-    success: Interval
-    failures: float
+    meeting_m: Interval  # mean distance by which T̂ misplaces robot 1
+    success: Interval  # share within SUCCESS_M and SUCCESS_RAD
+    failures: float  # share without an estimate
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Summary(JsonRecord):
-    """One method's figures.
+    """One method's figures."""
 
-    Attributes:
-        overall: over all pairs.
-        by_overlap: by label of `OVERLAP_BINS`; None for a bin without pairs.
-        calibration: over all estimates with a covariance; None if there are none.
-        calibration_unflagged: the same over the estimates that the method does not flag.
-        warnings: how well it flags errors.
-        duration_median_s, duration_p95_s: per pair.
-    """
-
-    overall: Accuracy
-    by_overlap: dict[str, Accuracy | None]
-    calibration: Calibration | None
-    calibration_unflagged: Calibration | None
-    warnings: Warnings
+    overall: Accuracy  # over all pairs
+    by_overlap: dict[str, Accuracy | None]  # by label of `OVERLAP_BINS`; None for a bin without pairs
+    calibration: Calibration | None  # over all estimates with a covariance; None if there are none
+    calibration_unflagged: Calibration | None  # the same over the estimates that the method does not flag
+    warnings: Warnings  # how well it flags errors
+    # duration_median_s, duration_p95_s: per pair.
     duration_median_s: float
     duration_p95_s: float
 
@@ -104,19 +87,15 @@ def accuracy(outcomes: pd.DataFrame, weights: Array) -> Accuracy:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Comparison(JsonRecord):
-    """Two methods on the same pairs: differences, better minus other, with paired intervals.
+    """Two methods on the same pairs: differences, better minus other, with paired intervals."""
 
-    Attributes:
-        better, other: names; `better` has the smaller mean position error.
-        position_m, heading_rad: of the mean errors; negative where `better` is better.
-        success: of the success rates; positive where `better` is better.
-    """
-
+    # better, other: names; `better` has the smaller mean position error.
     better: str
     other: str
+    # position_m, heading_rad: of the mean errors; negative where `better` is better.
     position_m: Interval
     heading_rad: Interval
-    success: Interval
+    success: Interval  # of the success rates; positive where `better` is better
 
     @property
     def verdict(self) -> str:

@@ -62,15 +62,10 @@ class Apart(JsonRecord):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Symmetry:
-    """How symmetric the measured pairs are, and the errors of methods on them.
+    """How symmetric the measured pairs are, and the errors of methods on them."""
 
-    Attributes:
-        share: (N,) `turn_symmetry` of each pair's map 1.
-        methods: by name.
-    """
-
-    share: Array
-    methods: Mapping[str, Apart]
+    share: Array  # (N,) `turn_symmetry` of each pair's map 1
+    methods: Mapping[str, Apart]  # by name
 
     @staticmethod
     def of(share: Array, outcomes: pd.DataFrame, weights: Array) -> Symmetry:

@@ -16,19 +16,12 @@ STILL_FALLING = 0.05
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TrainingCurve(JsonRecord):
-    """Validation errors while one model was trained.
+    """Validation errors while one model was trained."""
 
-    Attributes:
-        samples: (P,) seen so far.
-        position_m: (P,) mean absolute error in x and in y, averaged.
-        yaw_rad: (P,) mean absolute error in heading.
-        minutes: of training in total.
-    """
-
-    samples: Column
-    position_m: Column
-    yaw_rad: Column
-    minutes: float
+    samples: Column  # (P,) seen so far
+    position_m: Column  # (P,) mean absolute error in x and in y, averaged
+    yaw_rad: Column  # (P,) mean absolute error in heading
+    minutes: float  # of training in total
 
     @staticmethod
     def from_points(points: Sequence[Mapping[str, float]]) -> TrainingCurve:
@@ -62,25 +55,17 @@ class TrainingCurve(JsonRecord):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Training:
-    """How a network was trained.
+    """How a network was trained."""
 
-    Attributes:
-        seed: of weights and samples.
-        samples: number seen.
-        minutes: of training; None without a curve.
-        data: the dataset's folder, as it was called there.
-        pairs, plans: numbers of training pairs and of their floor plans.
-        weights_digest: SHA-256 of the file.
-        curve: error against samples; None if it was neither in the weights nor beside them.
-    """
-
-    seed: int
-    samples: int
-    minutes: float | None
-    data: str
+    seed: int  # of weights and samples
+    samples: int  # number seen
+    minutes: float | None  # of training; None without a curve
+    data: str  # the dataset's folder, as it was called there
+    # pairs, plans: numbers of training pairs and of their floor plans.
     pairs: int
     plans: int
-    weights_digest: str
+    weights_digest: str  # SHA-256 of the file
+    # Error against samples; None if it was neither in the weights nor beside them.
     curve: TrainingCurve | None
 
 

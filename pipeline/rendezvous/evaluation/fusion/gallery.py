@@ -16,22 +16,15 @@ from rendezvous.training.frame_error.pairs import MapPair
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FusionShown:
-    """One rendezvous of the gallery.
-
-    Attributes:
-        why: why it is shown.
-        pair_id, overlap: its pair of maps.
-        outcome: of all its runs.
-        truth: picture of the true fusion.
-        panels: a picture for each run that is drawn.
-    """
+    """One rendezvous of the gallery."""
 
     why: str
+    # pair_id, overlap: its pair of maps.
     pair_id: str
     overlap: float
-    outcome: RendezvousOutcome
-    truth: Image
-    panels: Sequence[tuple[FusionRun, Image]]
+    outcome: RendezvousOutcome  # of all its runs
+    truth: Image  # picture of the true fusion
+    panels: Sequence[tuple[FusionRun, Image]]  # a picture for each run that is drawn
 
 
 def fusion_shown(

@@ -42,27 +42,17 @@ _COMPONENTS = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FusionContent:
-    """Everything the part shows.
+    """Everything the part shows."""
 
-    Attributes:
-        conditions: of this run's measurements.
-        found: a table of `fusion_table`, measured in this run.
-        best: the run that is shown in detail.
-        rows: figures by the run's name, measured in this run or recorded, in the order of tables.
-        gallery: rendezvous that are drawn.
-        scenario: the paper's; None if no pair fits it.
-        dataset: its folder.
-        versions: of packages.
-    """
-
-    conditions: ImageConditions
-    found: pd.DataFrame
-    best: FusionRun
+    conditions: ImageConditions  # of this run's measurements
+    found: pd.DataFrame  # a table of `fusion_table`, measured in this run
+    best: FusionRun  # the run that is shown in detail
+    # Figures by the run's name, measured in this run or recorded, in the order of tables.
     rows: Mapping[str, RecordedFigures[FusionFigures]]
-    gallery: Sequence[FusionShown]
-    scenario: FusionShown | None
-    dataset: str
-    versions: Mapping[str, str]
+    gallery: Sequence[FusionShown]  # rendezvous that are drawn
+    scenario: FusionShown | None  # the paper's; None if no pair fits it
+    dataset: str  # its folder
+    versions: Mapping[str, str]  # of packages
 
     @property
     def measured(self) -> set[str]:

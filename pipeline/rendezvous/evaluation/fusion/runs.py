@@ -34,26 +34,18 @@ FusionRun = tuple[str, str]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FusionOutcome(JsonRecord):
-    """The fused map of one rendezvous.
+    """The fused map of one rendezvous."""
 
-    Attributes:
-        T_m0_m1: T̂, or None if the robot was not found in the image.
-        error: the frame error left in T̂, seen from where T̃ puts robot 1: the components of `θ̂⁻¹ θ`.
-        iou: agreement of the fused map with the true one, as intersection over union: occupied cells with a
-            partner within a cell, over all; None without a fused map.
-        accepted: the system's verdict.
-        reasons: why the map is not accepted, or why there is none.
-        refined: whether the maps gave an estimate; otherwise T̂ is T̃.
-        duration_s: from the relative pose to the fused map and the verdict.
-    """
-
-    T_m0_m1: OptionalPose
+    T_m0_m1: OptionalPose  # T̂, or None if the robot was not found in the image
+    # The frame error left in T̂, seen from where T̃ puts robot 1: the components of `θ̂⁻¹ θ`.
     error: OptionalPose
+    # Agreement of the fused map with the true one, as intersection over union: occupied cells with a partner
+    # within a cell, over all; None without a fused map.
     iou: float | None
-    accepted: bool
-    reasons: tuple[str, ...]
-    refined: bool
-    duration_s: float
+    accepted: bool  # the system's verdict
+    reasons: tuple[str, ...]  # why the map is not accepted, or why there is none
+    refined: bool  # whether the maps gave an estimate; otherwise T̂ is T̃
+    duration_s: float  # from the relative pose to the fused map and the verdict
 
     @staticmethod
     def not_made(reason: str) -> FusionOutcome:
@@ -71,15 +63,10 @@ class FusionOutcome(JsonRecord):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RendezvousOutcome(JsonRecord):
-    """The fused maps of one rendezvous.
-
-    Attributes:
-        pair_id: pair of maps.
-        runs: source, method and outcome of every run.
-    """
+    """The fused maps of one rendezvous."""
 
     pair_id: str
-    runs: tuple[tuple[str, str, FusionOutcome], ...]
+    runs: tuple[tuple[str, str, FusionOutcome], ...]  # source, method and outcome of every run
 
     def __getitem__(self, run: FusionRun) -> FusionOutcome:
         return next(outcome for *named, outcome in self.runs if tuple(named) == run)

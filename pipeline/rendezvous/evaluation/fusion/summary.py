@@ -18,45 +18,31 @@ from rendezvous.geometry.se2 import Array
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FusionGroup:
-    """Figures of some rendezvous.
+    """Figures of some rendezvous."""
 
-    Attributes:
-        made: those with a fused map, because the robot was found.
-        success: those within SUCCESS_M and SUCCESS_RAD, of all.
-        median: absolute Δx [m], Δy [m], Δψ [rad] of the fused; None without any, as the next four.
-        position_m, heading_rad: of the fused.
-        iou_mean, iou_median: of the fused whose maps have occupied cells.
-    """
-
-    made: Share
-    success: Share
+    made: Share  # those with a fused map, because the robot was found
+    success: Share  # those within SUCCESS_M and SUCCESS_RAD, of all
+    # Absolute Δx [m], Δy [m], Δψ [rad] of the fused; None without any, as the next four.
     median: tuple[float, float, float] | None
+    # position_m, heading_rad: of the fused.
     position_m: Tail | None
     heading_rad: Tail | None
+    # iou_mean, iou_median: of the fused whose maps have occupied cells.
     iou_mean: float | None
     iou_median: float | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FusionFigures:
-    """One run's figures.
+    """One run's figures."""
 
-    Attributes:
-        overall: all rendezvous.
-        by_overlap: by `OVERLAP_BINS`, without empty bins.
-        accepted: of all.
-        wrong_accepted: those of the accepted that are off by more than WRONG_M or WRONG_RAD.
-        wrong_uncertain: the same of the fused maps that are not accepted.
-        refined: those of the fused that the maps helped to align.
-        duration_median_s, duration_p95_s: of the fused, from the pose to the map; None without any.
-    """
-
-    overall: FusionGroup
-    by_overlap: dict[str, FusionGroup]
-    accepted: Share
-    wrong_accepted: Share
-    wrong_uncertain: Share
-    refined: Share
+    overall: FusionGroup  # all rendezvous
+    by_overlap: dict[str, FusionGroup]  # by `OVERLAP_BINS`, without empty bins
+    accepted: Share  # of all
+    wrong_accepted: Share  # those of the accepted that are off by more than WRONG_M or WRONG_RAD
+    wrong_uncertain: Share  # the same of the fused maps that are not accepted
+    refined: Share  # those of the fused that the maps helped to align
+    # duration_median_s, duration_p95_s: of the fused, from the pose to the map; None without any.
     duration_median_s: float | None
     duration_p95_s: float | None
 

@@ -32,14 +32,10 @@ _SUBPIXEL_BITS = 4
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class View:
-    """Where a frame's metres land on a picture; x goes right, y goes up.
-
-    Attributes:
-        px_per_m: scale.
-        u0_px, v0_px: pixel of the frame's origin.
-    """
+    """Where a frame's metres land on a picture; x goes right, y goes up."""
 
     px_per_m: float
+    # u0_px, v0_px: pixel of the frame's origin.
     u0_px: float
     v0_px: float
 

@@ -21,25 +21,16 @@ CONFUSED_RAD = math.pi / 2.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ImageTruth:
-    """What an image shows.
-
-    Attributes:
-        image_id: unique name.
-        plan_id: floor plan.
-        kind: `plausible`, a training image that a robot could take, or `sighting`, taken at a rendezvous.
-        visibility: visible share of robot 1's silhouette, 0 where it is absent or wholly hidden.
-        T_r0_r1: true relative pose, or None where robot 1 is absent.
-        distance_m: from the camera to the centre of robot 1's cuboid; NaN where it is absent.
-        heading_rad: heading relative to the line of sight, left positive: 0 away from the camera, ±π towards
-            it; NaN where robot 1 is absent.
-    """
+    """What an image shows."""
 
     image_id: str
     plan_id: str
-    kind: str
-    visibility: float
-    T_r0_r1: SE2 | None
-    distance_m: float
+    kind: str  # `plausible`, a training image that a robot could take, or `sighting`, taken at a rendezvous
+    visibility: float  # visible share of robot 1's silhouette, 0 where it is absent or wholly hidden
+    T_r0_r1: SE2 | None  # true relative pose, or None where robot 1 is absent
+    distance_m: float  # from the camera to the centre of robot 1's cuboid; NaN where it is absent
+    # Heading relative to the line of sight, left positive: 0 away from the camera, ±π towards it; NaN where
+    # robot 1 is absent.
     heading_rad: float
 
     @property
@@ -59,33 +50,20 @@ def as_seen(T_c_o: Array) -> tuple[float, float]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PoseOutcome(JsonRecord):
-    """What an estimator read from one image.
-
-    Attributes:
-        image_id: image.
-        T_r0_r1: the most probable reading, or None if the robot was not found.
-        covariance: (3, 3) of the components of `T_r0_r1⁻¹ T_r0_r1_true`; None without a pose.
-        degrees_of_freedom: of the t distribution with this covariance; infinite for a normal one.
-        T_c_o: (4, 4) pose of the cuboid that was read; None without a pose.
-        others: the other readings, by falling probability.
-        mass: probability of the first reading; 0 without a pose.
-        score: of the detection, in [0, 1].
-        reason: why there is no pose, or '' if there is one.
-        duration_s: of the estimate alone.
-        found_covered: whether a robot was also found in a copy of the image in which its surroundings cover
-            it; None where nothing of it is visible.
-    """
+    """What an estimator read from one image."""
 
     image_id: str
-    T_r0_r1: OptionalPose
-    covariance: OptionalArray
-    degrees_of_freedom: FiniteOrNot
-    T_c_o: OptionalArray
-    others: tuple[Pose, ...]
-    mass: float
-    score: float
-    reason: str
-    duration_s: float
+    T_r0_r1: OptionalPose  # the most probable reading, or None if the robot was not found
+    covariance: OptionalArray  # (3, 3) of the components of `T_r0_r1⁻¹ T_r0_r1_true`; None without a pose
+    degrees_of_freedom: FiniteOrNot  # of the t distribution with this covariance; infinite for a normal one
+    T_c_o: OptionalArray  # (4, 4) pose of the cuboid that was read; None without a pose
+    others: tuple[Pose, ...]  # the other readings, by falling probability
+    mass: float  # probability of the first reading; 0 without a pose
+    score: float  # of the detection, in [0, 1]
+    reason: str  # why there is no pose, or '' if there is one
+    duration_s: float  # of the estimate alone
+    # Whether a robot was also found in a copy of the image in which its surroundings cover it; None where
+    # nothing of it is visible.
     found_covered: bool | None = None
 
     @staticmethod

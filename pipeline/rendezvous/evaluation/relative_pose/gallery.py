@@ -17,17 +17,11 @@ _EACH = 4
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PoseShown:
-    """One image of the gallery.
+    """One image of the gallery."""
 
-    Attributes:
-        why: why it is shown, e.g. best.
-        row: of the image in a table of `pose_table`.
-        image: with the cuboid that was read, and the box of the robot's visible pixels.
-    """
-
-    why: str
-    row: Any
-    image: Image
+    why: str  # why it is shown, e.g. best
+    row: Any  # of the image in a table of `pose_table`
+    image: Image  # with the cuboid that was read, and the box of the robot's visible pixels
 
 
 def chosen_images(images: pd.DataFrame, *, each: int = _EACH) -> list[tuple[str, int]]:

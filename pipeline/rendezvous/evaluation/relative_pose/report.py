@@ -34,39 +34,27 @@ _EXTREMES = 5
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FloorGain:
-    """Differences of mean errors, floor minus free, on images in which both variants found the robot.
-
-    Attributes:
-        images: number of images.
-        position_m, heading_rad: negative where the floor helps.
-    """
+    """Differences of mean errors, floor minus free, on images in which both variants found the robot."""
 
     images: int
+    # position_m, heading_rad: negative where the floor helps.
     position_m: Interval
     heading_rad: Interval
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PoseContent:
-    """Everything the part shows.
+    """Everything the part shows."""
 
-    Attributes:
-        conditions: of this run's measurements.
-        found: tables of `pose_table` by variant, measured in this run; the first is shown in detail.
-        rows: figures by variant, measured in this run or recorded, in the order of tables.
-        gain: what the floor changes; None unless this run measured both variants.
-        gallery: images that are drawn.
-        dataset: its folder.
-        versions: of packages.
-    """
-
-    conditions: ImageConditions
+    conditions: ImageConditions  # of this run's measurements
+    # Tables of `pose_table` by variant, measured in this run; the first is shown in detail.
     found: Mapping[str, pd.DataFrame]
+    # Figures by variant, measured in this run or recorded, in the order of tables.
     rows: Mapping[str, RecordedFigures[PoseSummary]]
-    gain: FloorGain | None
-    gallery: Sequence[PoseShown]
-    dataset: str
-    versions: Mapping[str, str]
+    gain: FloorGain | None  # what the floor changes; None unless this run measured both variants
+    gallery: Sequence[PoseShown]  # images that are drawn
+    dataset: str  # its folder
+    versions: Mapping[str, str]  # of packages
 
     @property
     def main(self) -> str:

@@ -59,78 +59,49 @@ class Tail:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PoseGroup:
-    """Figures of a group of images that show the robot.
+    """Figures of a group of images that show the robot."""
 
-    Attributes:
-        detected: images in which it was found.
-        median: absolute Δx [m], Δy [m], Δψ [rad] of the detections; None without any, as the next two.
-        position_m: distance of Δx and Δy.
-        heading_rad: absolute Δψ.
-        confused: detections whose heading is off by more than a right angle.
-        told_otherwise: those of them of which another reading has the heading right.
-    """
-
-    detected: Share
+    detected: Share  # images in which it was found
+    # Absolute Δx [m], Δy [m], Δψ [rad] of the detections; None without any, as the next two.
     median: tuple[float, float, float] | None
-    position_m: Tail | None
-    heading_rad: Tail | None
-    confused: Share
-    told_otherwise: Share
+    position_m: Tail | None  # distance of Δx and Δy
+    heading_rad: Tail | None  # absolute Δψ
+    confused: Share  # detections whose heading is off by more than a right angle
+    told_otherwise: Share  # those of them of which another reading has the heading right
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Coverage:
-    """How well covariances predict the errors of detections.
+    """How well covariances predict the errors of detections."""
 
-    Attributes:
-        inside: errors inside the ellipsoid of each probability of `calibration.LEVELS`.
-        nees_median: 2.37 if covariances are right and errors normal, less for heavy tails.
-        nees_mean: 3 if covariances are right; None if one is singular.
-    """
-
-    inside: tuple[Share, ...]
-    nees_median: float
-    nees_mean: float | None
+    inside: tuple[Share, ...]  # errors inside the ellipsoid of each probability of `calibration.LEVELS`
+    nees_median: float  # 2.37 if covariances are right and errors normal, less for heavy tails
+    nees_mean: float | None  # 3 if covariances are right; None if one is singular
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WindowUse:
-    """The frame error θ that the relative pose leaves in T̃, against the range of frame-error estimators.
+    """The frame error θ that the relative pose leaves in T̃, against the range of frame-error estimators."""
 
-    Attributes:
-        offset_m: distance of θ's x and y.
-        turn_rad: absolute yaw of θ.
-        inside: detections within `PAPER_XY_M` in any direction and `PAPER_YAW_RAD`.
-        inside_by_any: detections of which any reading is, not only the most probable one.
-    """
-
-    offset_m: Tail
-    turn_rad: Tail
-    inside: Share
-    inside_by_any: Share
+    offset_m: Tail  # distance of θ's x and y
+    turn_rad: Tail  # absolute yaw of θ
+    inside: Share  # detections within `PAPER_XY_M` in any direction and `PAPER_YAW_RAD`
+    inside_by_any: Share  # detections of which any reading is, not only the most probable one
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PoseSummary:
-    """One estimator's figures.
+    """One estimator's figures."""
 
-    Attributes:
-        overall: all images that show the robot.
-        target: those of them for which there is a goal.
-        by: groups by distance, visibility, heading and kind.
-        false_detections: images with a pose, of those in which nothing of the robot is visible.
-        false_covered: the same of copies in which its surroundings cover the robot.
-        coverage, window: of all detections; None without any.
-        duration_median_s, duration_p95_s: per image.
-    """
-
-    overall: PoseGroup
-    target: PoseGroup
-    by: dict[str, dict[str, PoseGroup]]
-    false_detections: Share
-    false_covered: Share
+    overall: PoseGroup  # all images that show the robot
+    target: PoseGroup  # those of them for which there is a goal
+    by: dict[str, dict[str, PoseGroup]]  # groups by distance, visibility, heading and kind
+    false_detections: Share  # images with a pose, of those in which nothing of the robot is visible
+    false_covered: Share  # the same of copies in which its surroundings cover the robot
+    # coverage, window: of all detections; None without any.
     coverage: Coverage | None
     window: WindowUse | None
+    # duration_median_s, duration_p95_s: per image.
     duration_median_s: float
     duration_p95_s: float
 

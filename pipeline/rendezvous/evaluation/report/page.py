@@ -31,17 +31,11 @@ _DASH = "–"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReportPart:
-    """One evaluation's part of the page.
+    """One evaluation's part of the page."""
 
-    Attributes:
-        key: one of `PARTS`; also the evaluation's key in `metrics.json`.
-        title: plain text.
-        html: the whole part; its sections' anchors begin with the key.
-    """
-
-    key: str
-    title: str
-    html: Markup
+    key: str  # one of `PARTS`; also the evaluation's key in `metrics.json`
+    title: str  # plain text
+    html: Markup  # the whole part; its sections' anchors begin with the key
 
     def to_json(self) -> dict[str, Any]:
         """JSON values, without the key, which is the file's name."""

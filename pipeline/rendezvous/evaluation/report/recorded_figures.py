@@ -37,29 +37,19 @@ Row = TypeVar("Row", bound=Recordable)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ImageConditions:
-    """The images on which all variants of one evaluation were measured.
+    """The images on which all variants of one evaluation were measured."""
 
-    Attributes:
-        split: of the dataset.
-        images, plans: their numbers.
-        data_digest: digest of the images' ids and content.
-        seed: of the draw of images.
-        weights: SHA-256 of the weights' files, by what they are of.
-        trained_on: how many of the measured floor plans the weights were trained on, by what they are of;
-            None if unknown.
-        commit: of the code, or '' if unknown.
-        hardware: of the machine.
-    """
-
-    split: str
+    split: str  # of the dataset
+    # images, plans: their numbers.
     images: int
     plans: int
-    data_digest: str
-    seed: int
-    weights: dict[str, str]
+    data_digest: str  # digest of the images' ids and content
+    seed: int  # of the draw of images
+    weights: dict[str, str]  # SHA-256 of the weights' files, by what they are of
+    # How many of the measured floor plans the weights were trained on, by what they are of; None if unknown.
     trained_on: dict[str, int | None]
-    commit: str
-    hardware: str
+    commit: str  # of the code, or '' if unknown
+    hardware: str  # of the machine
 
     def file_name(self, name: str) -> str:
         """The file that records the latest figures of a variant on this split."""
@@ -73,17 +63,11 @@ class ImageConditions:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RecordedFigures(Generic[Figures]):
-    """One variant's figures.
+    """One variant's figures."""
 
-    Attributes:
-        name: of the variant.
-        conditions: what it was measured on.
-        figures: a record of numbers, texts and records of them.
-    """
-
-    name: str
-    conditions: ImageConditions
-    figures: Figures
+    name: str  # of the variant
+    conditions: ImageConditions  # what it was measured on
+    figures: Figures  # a record of numbers, texts and records of them
 
     def to_json(self) -> dict[str, Any]:
         """JSON values; NaN and infinity become null."""

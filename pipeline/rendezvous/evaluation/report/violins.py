@@ -44,21 +44,14 @@ _DOTS: dict[str, Any] = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Component:
-    """One component of the errors, a panel of the chart.
+    """One component of the errors, a panel of the chart."""
 
-    Attributes:
-        column: of the table of errors.
-        name: e.g. Δx.
-        unit: of the values, e.g. m or °.
-        axis: its limits; None for all whiskers with a margin, and zero in the middle if a value is negative.
-        label: below the axis; by default "error" and the unit.
-    """
-
-    column: str
-    name: str
-    unit: str
+    column: str  # of the table of errors
+    name: str  # e.g. Δx
+    unit: str  # of the values, e.g. m or °
+    # Its limits; None for all whiskers with a margin, and zero in the middle if a value is negative.
     axis: tuple[float, float] | None = None
-    label: str = ""
+    label: str = ""  # below the axis; by default "error" and the unit
 
 
 def violin_chart(errors: pd.DataFrame, by: str, components: Sequence[Component]) -> Markup:
