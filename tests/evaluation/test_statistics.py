@@ -22,6 +22,13 @@ def test_a_bootstrapped_mean_has_the_interval_of_the_normal_approximation():
     )
 
 
+def test_the_interval_covers_the_true_mean_as_often_as_it_says():
+    rng = np.random.default_rng(2)
+    weights = resample_weights(np.arange(120), rng=rng, resamples=400)
+    found = [bootstrap_mean(values, weights) for values in rng.exponential(1.0, (400, 120))]
+    assert 0.91 <= np.mean([interval.low <= 1.0 <= interval.high for interval in found]) <= 0.97
+
+
 def test_pairing_sees_a_small_difference_between_values_that_vary_widely():
     rng = np.random.default_rng(5)
     hard = rng.normal(0.0, 10.0, 50)

@@ -28,8 +28,6 @@ FiniteOrNot = Annotated[
     PlainValidator(lambda value: math.inf if value is None else float(value)),
     PlainSerializer(lambda value: value if math.isfinite(value) else None),
 ]
-
-
 NanOrNumber = Annotated[
     float,
     PlainValidator(lambda value: math.nan if value is None else float(value)),

@@ -74,8 +74,12 @@ def test_true_poses_give_true_maps_and_a_page(data, images, tmp_path, monkeypatc
     nearest = min((row["pair_id"] for row in drawn), key=lambda name: abs(overlaps[name] - PAPER_OVERLAP))
     assert metrics["paper_scenario"]["pair_id"] == nearest
     assert metrics["paper_scenario"]["overlap"] == pytest.approx(overlaps[nearest], abs=0.02)
-    anchors = require_self_contained((tmp_path / "index.html").read_text())
+    page = (tmp_path / "index.html").read_text()
+    anchors = require_self_contained(page)
     assert {"fusion", "fusion-methods", "fusion-gallery", "fusion-scenario"} <= anchors
+    assert "so the true relative pose alone has none" in page
+    assert "map 0, which is in both, makes it never zero" in page
+    assert "Its maps are not public" in page
 
 
 def test_maps_mend_what_the_pose_lacks_and_figures_can_be_kept(data, images, tmp_path):

@@ -2,19 +2,17 @@ from __future__ import annotations
 
 import io
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 
 from rich.console import Console
 
 from rendezvous.commands.evaluate.measuring import EvaluationSettings, Measurement, measured
+from rendezvous.evaluation.json_record import JsonRecord
 
 
 @dataclass(frozen=True)
-class Square:
+class Square(JsonRecord):
     value: int
-
-    def to_json(self) -> dict[str, int]:
-        return asdict(self)
 
 
 def _squares(numbers: Sequence[int]) -> list[Square]:
@@ -30,7 +28,7 @@ def _measured(folder, count: int, *, workers: int = 1, key: str = "a") -> tuple[
         name="toy",
         items_name="numbers",
         measure=_squares,
-        from_json=lambda fields: Square(**fields),
+        outcome=Square,
         key={"count": count, "key": key} if key else {},
     )
     settings = EvaluationSettings(folder=folder, workers=workers, console=Console(file=told))

@@ -15,9 +15,10 @@ pytest.importorskip("matplotlib")
 
 from rendezvous.errors import StoreError
 from rendezvous.evaluation.frame_error import report
+from rendezvous.evaluation.frame_error.charts import calibration_chart, curve_chart
 from rendezvous.evaluation.frame_error.estimates import outcome_table
 from rendezvous.evaluation.frame_error.gallery import Shown, panels
-from rendezvous.evaluation.frame_error.measured_row import Conditions, MeasuredRow
+from rendezvous.evaluation.frame_error.measured_row import MeasuredRow, PairConditions
 from rendezvous.evaluation.frame_error.report import FrameErrorContent, frame_error_part
 from rendezvous.evaluation.frame_error.summary import Comparison, comparisons, summary
 from rendezvous.evaluation.frame_error.symmetry import Symmetry
@@ -30,7 +31,7 @@ from rendezvous.methods import METHODS
 from tests.evaluation.pages import require_self_contained
 from tests.evaluation.toy_pairs import tables_of, toy_outcomes, toy_pair, toy_sample
 
-CONDITIONS = Conditions(
+CONDITIONS = PairConditions(
     split="test",
     pairs=3,
     plans=3,
@@ -45,6 +46,8 @@ CONDITIONS = Conditions(
 FALLING = TrainingCurve(
     samples=np.arange(1.0, 21.0), position_m=1.0 / np.arange(1.0, 21.0), yaw_rad=np.ones(20), minutes=8.0
 )
+SHARES = ("table-1", "overlap", "calibration")
+"""Sections with shares, whose intervals take pairs as independent."""
 NO_CHARTS = dict.fromkeys(("scatter", "cdf", "calibration", "curves"))
 TRAINING = Training(
     seed=4,
@@ -134,6 +137,42 @@ def _line(content, title: str) -> str:
 def _source_of(content, row: MeasuredRow) -> str:
     """The line of Table I on `vit-lie`."""
     return _line(replace(content, rows={**content.rows, "vit-lie": row}), "ViT + Lie")
+
+
+@pytest.mark.parametrize(
+    ("section", "caveat"),
+    [
+        ("table-1", "told as well where the robots stood as one saw the other"),
+        (
+            "table-1",
+            "Constants of the correlative search were chosen on pairs some of which are of test plans",
+        ),
+        ("table-1", "Its pairs are not public, so its columns stand beside ours for orientation only"),
+        *((name, "pairs of one floor plan are not: they are too narrow") for name in SHARES),
+        ("better", "each of the 3 intervals is of 95 % for itself, not corrected for their number"),
+    ],
+)
+def test_the_page_says_what_its_figures_do_not_show(page, section, caveat):
+    (words,) = [words for words in page.split('<section id="') if words.startswith(f"frame_error-{section}")]
+    assert caveat in words
+
+
+def test_sections_with_nothing_to_show_are_left_out(content, page):
+    orb = content.outcomes["method"] == "orb"
+    alone = {"rows": {"orb": content.rows["orb"]}, "outcomes": content.outcomes[orb]}
+    bare = _page(replace(content, **alone, attention={}, comparisons=[], gallery=[]))
+    optional = {f"frame_error-{name}" for name in ("better", "training", "attention", "gallery")}
+    assert optional <= require_self_contained(page)
+    assert not optional & require_self_contained(bare)
+    assert curve_chart({}, METHODS) is None
+    assert calibration_chart(content.outcomes[orb], METHODS) is None
+
+
+@pytest.mark.parametrize("curve", [None, replace(FALLING, samples=np.ones(2))])
+def test_without_a_curve_or_with_a_short_one_convergence_is_not_known(content, curve):
+    line = _source_of(content, replace(content.rows["vit-lie"], training=replace(TRAINING, curve=curve)))
+    assert "convergence not known" in line
+    assert "not converged" not in line
 
 
 def test_a_recorded_row_tells_what_it_was_measured_on_where_that_differs(content):

@@ -12,7 +12,7 @@ from rendezvous.evaluation.fusion.runs import AUTO, ESTIMATED, NONE, FusionOutco
 from rendezvous.evaluation.fusion.summary import fusion_figures, fusion_table
 from rendezvous.geometry.se2 import SE2
 
-NOT_MADE = FusionOutcome.not_made("a toy")
+NOT_MADE = FusionOutcome(reasons=("a toy",))
 
 
 def fused(

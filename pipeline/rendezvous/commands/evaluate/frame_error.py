@@ -13,14 +13,13 @@ import pandas as pd
 
 from rendezvous.alignment.estimate import FrameErrorEstimator
 from rendezvous.alignment.window import PAPER_XY_M, PAPER_YAW_RAD, SearchRange
-from rendezvous.commands.evaluate.measured_pairs import Trial, measured, perturbation_json
-from rendezvous.commands.evaluate.measuring import EvaluationSettings
-from rendezvous.commands.evaluate.recorded import RecordFolder
-from rendezvous.commands.evaluate.report_folder import PAGE, keep_evaluation, kept_metrics, with_sources
+from rendezvous.commands.evaluate.kept import PAGE, RecordFolder, keep_evaluation, kept_metrics, with_sources
+from rendezvous.commands.evaluate.measured_pairs import Trial, measurement
+from rendezvous.commands.evaluate.measuring import EvaluationSettings, measured
 from rendezvous.errors import ConfigError, StoreError
 from rendezvous.evaluation.frame_error.estimates import Outcome, outcome_table
 from rendezvous.evaluation.frame_error.gallery import Panel, Shown, attention_panel, chosen_pairs, panels
-from rendezvous.evaluation.frame_error.measured_row import Conditions, MeasuredRow
+from rendezvous.evaluation.frame_error.measured_row import MeasuredRow, PairConditions
 from rendezvous.evaluation.frame_error.report import FrameErrorContent, frame_error_part
 from rendezvous.evaluation.frame_error.summary import comparisons, ranking, summary
 from rendezvous.evaluation.frame_error.symmetry import WIDE_RANGE_DEG, Symmetry, turn_symmetry
@@ -40,13 +39,17 @@ from rendezvous.stages.weights.estimators import (
 from rendezvous.stages.weights.provenance import commit, hardware, versions
 from rendezvous.store.disk import Disk
 from rendezvous.store.read import StageReader
-from rendezvous.store.records import digest_of
+from rendezvous.store.records import digest_of, json_bytes
 from rendezvous.training.frame_error.pairs import PairTable, PerturbationRange, perturbed_pair, read_pairs
 
 if TYPE_CHECKING:
     from rendezvous.stages.weights.trained_estimators import Trained
 
 PERTURBATIONS = "perturbations.json"
+_ABOUT_PERTURBATIONS = (
+    "theta_c: frame error x [m], y [m], yaw [rad] at the meeting point, in the axes of m0; "
+    "rotation_rad: heading of the window in m0"
+)
 MOST_XY_M = 8.0
 """Frame errors of more would put map 1 out of the window."""
 RECORDS = METRICS
@@ -94,14 +97,7 @@ class _Contender:
 
 
 def evaluate(settings: Evaluation) -> Path:
-    """Measure, record if asked to, and write the report.
-
-    Returns:
-        The page.
-
-    Raises:
-        As `measure_and_report`.
-    """
+    """As `measure_and_report`; returns the page."""
     measure_and_report(settings)
     return settings.folder / PAGE
 
@@ -132,7 +128,7 @@ def measure_and_report(settings: Evaluation) -> pd.DataFrame:
     if settings.record:
         recorded.require_no_loss(contenders, conditions)
     found = {
-        name: measured(contender.selected, contender.estimator, trial, settings)
+        name: measured(measurement(contender.selected, contender.estimator, trial), trial, settings)
         for name, contender in contenders.items()
     }
     content = _content(trial, conditions, contenders, found, recorded, settings)
@@ -189,7 +185,7 @@ def _contender(selected: SelectedMethod, trial: Trial, settings: Evaluation) -> 
 
 def _content(
     trial: Trial,
-    conditions: Conditions,
+    conditions: PairConditions,
     contenders: Mapping[str, _Contender],
     found: Mapping[str, Sequence[Outcome]],
     recorded: RecordFolder[MeasuredRow],
@@ -248,7 +244,7 @@ def _pictures(
         for name, contender in contenders.items():
             if contender.network is not None and contender.network.attention is not None:
                 picture = attention_panel(sample.window, contender.network.attention(sample.window))
-                panel = Panel(name=why, image=picture, position_m=None, heading_rad=None)
+                panel = Panel(name=why, image=picture)
                 attention.setdefault(name, []).append(panel)
     return gallery, attention
 
@@ -261,16 +257,16 @@ def _write(content: FrameErrorContent, trial: Trial, settings: Evaluation) -> No
         "symmetry": content.symmetry and content.symmetry.to_json(),
         "comparisons": [comparison.to_json() for comparison in content.comparisons],
     }
-    disk.write(PERTURBATIONS, perturbation_json(trial.drawn()))
+    disk.write(PERTURBATIONS, json_bytes({"about": _ABOUT_PERTURBATIONS, "pairs": trial.drawn()}))
     keep_evaluation(disk, frame_error_part(content), figures, settings.console)
 
 
-def _conditions(trial: Trial, settings: Evaluation) -> Conditions:
-    return Conditions(
+def _conditions(trial: Trial, settings: Evaluation) -> PairConditions:
+    return PairConditions(
         split=settings.split,
         pairs=len(trial),
         plans=len(set(trial.column("plan_id"))),
-        data_digest=trial.data_digest(),
+        data_digest=trial.pairs.digest(),
         perturbation_digest=digest_of(trial.drawn()),
         seed=settings.seed,
         xy_range_m=settings.xy_range_m,

@@ -15,6 +15,7 @@ from rendezvous.commands.evaluate.images import (
     require_robot_of_images,
     unseen_images,
 )
+from rendezvous.commands.evaluate.kept import PAGE, RecordFolder, keep_evaluation, kept_metrics, with_sources
 from rendezvous.commands.evaluate.measured_fusions import (
     FusionCase,
     FusionCases,
@@ -22,8 +23,6 @@ from rendezvous.commands.evaluate.measured_fusions import (
     measured_fusions,
     run_case,
 )
-from rendezvous.commands.evaluate.recorded import RecordFolder
-from rendezvous.commands.evaluate.report_folder import PAGE, keep_evaluation, kept_metrics, with_sources
 from rendezvous.errors import ConfigError, StoreError
 from rendezvous.evaluation.fusion.gallery import FusionShown, best_run, chosen_rendezvous, fusion_shown
 from rendezvous.evaluation.fusion.paper_scenario import PAPER_OVERLAP, scenario
@@ -148,7 +147,7 @@ def _setup(settings: FusionEvaluation) -> FusionSetup:
 
 
 def _conditions(cases: FusionCases, setup: FusionSetup, settings: FusionEvaluation) -> ImageConditions:
-    conditions = image_conditions(cases.images, {"relative pose": setup.source}, settings)
+    conditions = image_conditions(cases.images, setup.source, settings)
     if setup.matcher is None:
         return conditions
     plans = {image.truth.plan_id: image.plan_digest for image in cases.images}

@@ -73,26 +73,21 @@ def unseen_images(
 
 
 def image_conditions(
-    images: Sequence[SeenImage], sources: Mapping[str, PoseSource], settings: ImageEvaluation
+    images: Sequence[SeenImage], source: PoseSource, settings: ImageEvaluation
 ) -> ImageConditions:
     """The conditions of measuring images; warns if the weights were trained on their floor plans."""
     plans = {image.truth.plan_id: image.plan_digest for image in images}
-    known = {name: _known_plans(source, plans) for name, source in sources.items()}
-    for name, count in known.items():
-        settings.warn_of_known_plans(name, count, len(plans))
+    record = source.record()
+    known = plans_trained_on(record, plans) if "data" in record else None
+    settings.warn_of_known_plans("relative pose", known, len(plans))
     return ImageConditions(
         split=settings.split,
         images=len(images),
         plans=len(plans),
         data_digest=digest_of_images(images),
         seed=settings.seed,
-        weights={name: source.digest for name, source in sources.items()},
-        trained_on=known,
+        weights={"relative pose": source.digest},
+        trained_on={"relative pose": known},
         commit=commit(),
         hardware=hardware(),
     )
-
-
-def _known_plans(source: PoseSource, plans: Mapping[str, str]) -> int | None:
-    record = source.record()
-    return plans_trained_on(record, plans) if "data" in record else None

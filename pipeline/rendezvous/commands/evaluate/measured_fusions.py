@@ -77,7 +77,7 @@ def measured_fusions(
         name="rendezvous",
         items_name="pairs",
         measure=partial(_measure, setup),
-        from_json=RendezvousOutcome.from_json,
+        outcome=RendezvousOutcome,
         key={
             "weights": setup.source.digest,
             "matcher": setup.matcher.weights_digest() if setup.matcher else "",

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
 from typing import Any, Protocol, runtime_checkable
 
 from rendezvous.alignment.estimate import FrameErrorEstimator
 from rendezvous.alignment.window import MapWindow
-from rendezvous.commands.evaluate import measuring
-from rendezvous.commands.evaluate.measuring import EvaluationSettings, Measurement
+from rendezvous.commands.evaluate.measuring import Measurement
 from rendezvous.evaluation.frame_error.estimates import Outcome, outcome
 from rendezvous.stages.weights.estimators import SelectedMethod
-from rendezvous.store.records import json_bytes
 from rendezvous.training.frame_error.pairs import (
     MapPair,
     PairTable,
@@ -63,37 +61,23 @@ class Trial:
         """A column of the pairs' table, in the order of the pairs."""
         return [self.pairs.table[name][index].as_py() for index in self.indices]
 
-    def data_digest(self) -> str:
-        """Digest of the whole split."""
-        return self.pairs.digest()
-
     def drawn(self) -> dict[str, dict[str, Any]]:
         """The perturbations by pair id."""
         return dict(zip(self.column("pair_id"), (asdict(p) for p in self.perturbations), strict=True))
 
 
-def measured(
-    selected: SelectedMethod,
-    estimator: FrameErrorEstimator | None,
-    trial: Trial,
-    settings: EvaluationSettings,
-) -> tuple[Outcome, ...]:
-    """The outcome of each pair under a method, from the cache if nothing that it depends on has changed.
-
-    A method without a loaded network, whose `estimator` is None, runs in worker processes.
-    """
-    return measuring.measured(measurement(selected, estimator, trial), trial, settings)
-
-
 def measurement(
     selected: SelectedMethod, estimator: FrameErrorEstimator | None, trial: Trial
 ) -> Measurement[Sample, Outcome]:
-    """How each pair is measured, and what that depends on; of a user's method the code is not known."""
+    """How each pair is measured, and what that depends on; of a user's method the code is not known.
+
+    A method without a loaded network, whose `estimator` is None, runs in worker processes.
+    """
     key = {
         "method": selected.name,
         "search": asdict(selected.search),
         "weights": selected.weights_digest(),
-        "data": trial.data_digest(),
+        "data": trial.pairs.digest(),
         "drawn": trial.drawn(),
     }
     return Measurement(
@@ -102,7 +86,7 @@ def measurement(
         name=selected.name,
         items_name="pairs",
         measure=partial(_measure, selected, estimator),
-        from_json=Outcome.from_json,
+        outcome=Outcome,
         in_this_process=estimator is not None,
         key=key if selected.method.shipped else {},
     )
@@ -128,14 +112,3 @@ def _outcome(estimator: FrameErrorEstimator, pair: MapPair, perturbation: Pertur
         # A density of zero becomes the smallest that a double holds, so that means stay finite.
         log_density = max(density, -745.0)
     return outcome(estimate, pair, sample, log_density=log_density, duration_s=duration_s)
-
-
-def perturbation_json(drawn: Mapping[str, Mapping[str, Any]]) -> bytes:
-    """The file of all perturbations that lies beside the report."""
-    return json_bytes(
-        {
-            "about": "theta_c: frame error x [m], y [m], yaw [rad] at the meeting point, in the axes of m0; "
-            "rotation_rad: heading of the window in m0",
-            "pairs": dict(drawn),
-        }
-    )

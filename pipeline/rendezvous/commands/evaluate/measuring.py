@@ -17,6 +17,7 @@ import rendezvous
 from rendezvous.engine.pool import Call, Engine, run_calls
 from rendezvous.engine.progress import meter
 from rendezvous.errors import ConfigError
+from rendezvous.evaluation.json_record import JsonRecord
 from rendezvous.stages.weights.provenance import versions
 from rendezvous.store.disk import Disk
 from rendezvous.store.records import digest_of, json_bytes
@@ -25,13 +26,6 @@ from rendezvous.training.frame_error.pairs import SPLIT_NAMES
 _CODE = Path(rendezvous.__path__[0])
 _PACKAGES = ("numpy", "scipy", "opencv-python-headless", "numba", "torch")
 _ITEMS_PER_CALL = 16
-
-
-class Kept(Protocol):
-    """An outcome that the cache can hold."""
-
-    def to_json(self) -> dict[str, Any]:
-        """JSON values."""
 
 
 Item = TypeVar("Item")
@@ -48,7 +42,7 @@ class Items(Protocol[ItemOut]):
         """One item."""
 
 
-Outcome = TypeVar("Outcome", bound=Kept)
+Outcome = TypeVar("Outcome", bound=JsonRecord)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -91,7 +85,7 @@ class Measurement(Generic[Item, Outcome]):
     name: str  # what is measured; the cache file's name begins with it
     items_name: str  # plural noun for the items
     measure: Callable[[Sequence[Item]], Sequence[Outcome]]  # outcomes of some items, in order; can be pickled
-    from_json: Callable[[Mapping[str, Any]], Outcome]  # inverse of an outcome's `to_json`
+    outcome: type[Outcome]
     # Everything that outcomes depend on beside code and packages, as JSON values; empty if that is not known:
     # then outcomes are not kept.
     key: Mapping[str, Any]
@@ -173,6 +167,6 @@ def _kept(measurement: Measurement[Item, Outcome], cache: Disk, name: str) -> tu
     if cache.size(name) is None:
         return None
     try:
-        return tuple(measurement.from_json(row) for row in json.loads(cache.read(name))["rows"])
+        return tuple(measurement.outcome.from_json(row) for row in json.loads(cache.read(name))["rows"])
     except (ValueError, KeyError, TypeError):
         return None

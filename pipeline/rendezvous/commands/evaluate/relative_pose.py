@@ -18,9 +18,8 @@ from rendezvous.commands.evaluate.images import (
     require_robot_of_images,
     unseen_images,
 )
+from rendezvous.commands.evaluate.kept import PAGE, RecordFolder, keep_evaluation, kept_metrics, with_sources
 from rendezvous.commands.evaluate.measuring import Measurement, measured
-from rendezvous.commands.evaluate.recorded import RecordFolder
-from rendezvous.commands.evaluate.report_folder import PAGE, keep_evaluation, kept_metrics, with_sources
 from rendezvous.errors import ConfigError
 from rendezvous.evaluation.pictures.poses import labelled_image
 from rendezvous.evaluation.relative_pose.errors import PoseOutcome, pose_table
@@ -90,7 +89,7 @@ def evaluate_pose(settings: PoseEvaluation) -> Path:
     require_robot_of_images(images, source, settings.dataset)
     if settings.unseen:
         images = unseen_images(images, [source.record()], settings.console)
-    conditions = image_conditions(images, {"relative pose": source}, settings)
+    conditions = image_conditions(images, source, settings)
     recorded = RecordFolder.read(settings.records, RecordedFigures[PoseSummary], command="evaluate-pose")
     if settings.record:
         recorded.require_no_loss([variant.name for variant in variants], conditions)
@@ -123,7 +122,7 @@ def measured_poses(
         name=variant.name,
         items_name="images",
         measure=partial(_measure, variant),
-        from_json=PoseOutcome.from_json,
+        outcome=PoseOutcome,
         key={
             "weights": variant.source.digest,
             "floor": variant.floor,

@@ -108,22 +108,16 @@ def overlap_bins(overlap: pd.Series) -> pd.Series:
     return pd.cut(overlap, edges, right=False, labels=list(OVERLAP_BINS))
 
 
+_OUTCOME_COLUMNS = (
+    *("pair_id", "theta_hat", "ambiguous", "covariance", "degrees_of_freedom"),
+    *("log_density", "meeting_error_m", "duration_s"),
+)
+
+
 def _columns(outcomes: Sequence[Outcome]) -> pd.DataFrame:
     assert outcomes, "no pairs, nothing to measure"
-    x_m, y_m, yaw_rad = np.array([row.error.as_array() for row in outcomes]).T
-    return pd.DataFrame(
-        {
-            "pair_id": [row.pair_id for row in outcomes],
-            "theta_hat": pd.Series([row.theta_hat for row in outcomes], dtype=object),
-            "x_m": x_m,
-            "y_m": y_m,
-            "yaw_rad": yaw_rad,
-            "failed": [row.theta_hat is None for row in outcomes],
-            "ambiguous": [row.ambiguous for row in outcomes],
-            "covariance": pd.Series([row.covariance for row in outcomes], dtype=object),
-            "degrees_of_freedom": [row.degrees_of_freedom for row in outcomes],
-            "log_density": np.array([row.log_density for row in outcomes], dtype=np.float64),
-            "meeting_m": [row.meeting_error_m for row in outcomes],
-            "duration_s": [row.duration_s for row in outcomes],
-        }
-    )
+    rows = [{name: getattr(row, name) for name in _OUTCOME_COLUMNS} for row in outcomes]
+    table = pd.DataFrame(rows).astype({"theta_hat": object, "covariance": object, "log_density": np.float64})
+    table[["x_m", "y_m", "yaw_rad"]] = [row.error.as_array() for row in outcomes]
+    table["failed"] = table["theta_hat"].isna()
+    return table.rename(columns={"meeting_error_m": "meeting_m"})

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
 import pandas as pd
 
 from rendezvous.alignment.frame_error import corrected
-from rendezvous.alignment.window import FREE_CELL, OCCUPIED_CELL, UNKNOWN_CELL, MapWindow, map_window
+from rendezvous.alignment.window import OCCUPIED_CELL, UNKNOWN_CELL, MapWindow, map_window
 from rendezvous.evaluation.frame_error.estimates import SUCCESS_M, SUCCESS_RAD
-from rendezvous.evaluation.pictures.canvas import BLUE, INK, RED, UNSEEN, Canvas, Colour, View
-from rendezvous.evaluation.pictures.map_panels import BOTH, SEEN, draw_robot
+from rendezvous.evaluation.pictures.canvas import BLUE, INK, Canvas, Colour, View
+from rendezvous.evaluation.pictures.map_panels import bounds_m, draw_robot, in_colours
 from rendezvous.geometry.camera import Image
 from rendezvous.geometry.se2 import SE2, Array
 from rendezvous.training.frame_error.pairs import MapPair, PerturbedPair
@@ -60,8 +61,8 @@ class Panel:
     name: str  # `truth`, `input`, or a method's
     image: Image  # (PANEL_PX, PANEL_PX, 3)
     # position_m, heading_rad: the error in the picture; None for the truth.
-    position_m: float | None
-    heading_rad: float | None
+    position_m: float | None = None
+    heading_rad: float | None = None
     failed: bool = False  # the method found no estimate, and the input is shown
 
     @property
@@ -91,37 +92,28 @@ def panels(pair: MapPair, sample: PerturbedPair, outcomes: pd.DataFrame) -> list
         outcomes: the rows of this pair in an `outcome_table`, one for each method that is shown.
     """
     square, theta = square_around(pair), sample.theta_v
-    input_m = float(np.hypot(theta.x_m, theta.y_m))
-    placed: list[tuple[str, SE2, float | None, float | None, bool]] = [
-        ("truth", pair.T_m0_m1, None, None, False),
-        ("input", sample.T_estimated, input_m, abs(theta.yaw_rad), False),
+
+    def panel(name: str, T_m0_m1: SE2, **error: Any) -> Panel:
+        return Panel(name=name, image=overlay(pair, T_m0_m1, *square), **error)
+
+    input_m, input_rad = float(np.hypot(theta.x_m, theta.y_m)), abs(theta.yaw_rad)
+    drawn = [
+        panel("truth", pair.T_m0_m1),
+        panel("input", sample.T_estimated, position_m=input_m, heading_rad=input_rad),
     ]
     for row in outcomes.itertuples():
         T_hat = corrected(sample.T_estimated, row.theta_hat or SE2.identity(), sample.T_m0_v)
-        placed.append((row.method, T_hat, row.position_m, row.heading_rad, row.failed))
-    return [
-        Panel(
-            name=name,
-            image=overlay(pair, T_m0_m1, *square),
-            position_m=position_m,
-            heading_rad=heading_rad,
-            failed=failed,
-        )
-        for name, T_m0_m1, position_m, heading_rad, failed in placed
-    ]
+        error = {"position_m": row.position_m, "heading_rad": row.heading_rad, "failed": row.failed}
+        drawn.append(panel(row.method, T_hat, **error))
+    return drawn
 
 
 def square_around(pair: MapPair) -> tuple[SE2, float]:
     """Centre, in m0, and side [m] of a square around both maps as they truly lie."""
-    points_m = np.concatenate(
-        [
-            T @ grid.cell_centres(grid.known())
-            for T, grid in ((SE2.identity(), pair.grid_0), (pair.T_m0_m1, pair.grid_1))
-        ]
-    )
-    lower_m, upper_m = points_m.min(axis=0), points_m.max(axis=0)
+    placed = ((pair.grid_0, SE2.identity()), (pair.grid_1, pair.T_m0_m1))
+    lower_m, upper_m = bounds_m(placed, _MARGIN_M)
     x_m, y_m = (lower_m + upper_m) / 2.0
-    return SE2(float(x_m), float(y_m), 0.0), float((upper_m - lower_m).max()) + 2.0 * _MARGIN_M
+    return SE2(float(x_m), float(y_m), 0.0), float((upper_m - lower_m).max())
 
 
 def overlay(pair: MapPair, T_m0_m1: SE2, T_m0_v: SE2, side_m: float) -> Image:
@@ -140,15 +132,8 @@ def overlay(pair: MapPair, T_m0_m1: SE2, T_m0_v: SE2, side_m: float) -> Image:
 
 def _painted(window: MapWindow) -> Image:
     """(N, N, 3): red map 0, blue map 1, violet both; y up."""
-    first, second = window.cells[:, ::-1]
-    image = np.full((*first.shape, 3), UNSEEN, np.uint8)
-    image[first != UNKNOWN_CELL] = SEEN[0]
-    image[second != UNKNOWN_CELL] = SEEN[1]
-    image[(first == FREE_CELL) & (second == FREE_CELL)] = SEEN[2]
-    image[first == OCCUPIED_CELL] = RED
-    image[second == OCCUPIED_CELL] = BLUE
-    image[(first == OCCUPIED_CELL) & (second == OCCUPIED_CELL)] = BOTH
-    return image
+    cells = window.cells[:, ::-1]
+    return in_colours(cells != UNKNOWN_CELL, cells == OCCUPIED_CELL)
 
 
 def attention_panel(window: MapWindow, attention: Array) -> Image:

@@ -9,42 +9,34 @@ from typing import Any
 from rendezvous.evaluation.frame_error.summary import Summary
 from rendezvous.evaluation.frame_error.training_curve import Training, doubt
 from rendezvous.evaluation.json_record import JsonRecord
-from rendezvous.evaluation.report.recorded_figures import FORMAT
+from rendezvous.evaluation.report.recorded_figures import FORMAT, Conditions
 
 _LEARNED_SHARE = 0.8
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Conditions:
+class PairConditions(Conditions):
     """The pairs and frame errors on which all methods of one evaluation were measured."""
 
-    split: str  # of the dataset
-    # pairs, plans: their numbers.
-    pairs: int
-    plans: int
-    data_digest: str  # digest of the pairs' content
-    perturbation_digest: str  # digest of the frame errors that were drawn
-    seed: int  # of the frame errors
+    pairs: int  # number of them
+    perturbation_digest: str  # of the frame errors that were drawn
     # xy_range_m, yaw_range_deg: half widths of their uniform distribution.
     xy_range_m: float
     yaw_range_deg: float
-    commit: str  # of the code, or '' if unknown
-    hardware: str  # of the machine
 
-    def comparable(self, other: Conditions) -> bool:
+    def comparable(self, other: PairConditions) -> bool:
         """Whether split and range of the frame errors are equal, so that errors can stand in one table."""
         mine, others = ((c.split, c.xy_range_m, c.yaw_range_deg) for c in (self, other))
         return mine == others
 
-    def same_pairs(self, other: Conditions) -> bool:
+    def same_pairs(self, other: PairConditions) -> bool:
         """Whether the same pairs were measured with the same frame errors."""
         mine, others = ((c.split, c.data_digest, c.perturbation_digest) for c in (self, other))
         return mine == others
 
     def file_name(self, method: str) -> str:
         """The file that records the latest row of a method with this split and range."""
-        split = "" if self.split == "test" else f"-{self.split}"
-        return f"{method}-{self.xy_range_m:g}m-{self.yaw_range_deg:g}deg{split}.json"
+        return f"{method}-{self.xy_range_m:g}m-{self.yaw_range_deg:g}deg{self.split_suffix}.json"
 
     @property
     def measured_on(self) -> tuple[int, str]:
@@ -57,7 +49,7 @@ class MeasuredRow(JsonRecord):
     """One method under some conditions."""
 
     method: str
-    conditions: Conditions  # what it was measured on
+    conditions: PairConditions  # what it was measured on
     training: Training | None  # None for a method without weights
     # Rows recorded before this was counted do not have it.
     # How many of the measured floor plans it was trained on; None if unknown, or if the method has no

@@ -15,7 +15,7 @@ from rendezvous.evaluation.frame_error import symmetry
 from rendezvous.evaluation.frame_error.charts import calibration_chart, cdf_chart, curve_chart, scatter_chart
 from rendezvous.evaluation.frame_error.estimates import SUCCESS_M, SUCCESS_RAD
 from rendezvous.evaluation.frame_error.gallery import Panel, Shown
-from rendezvous.evaluation.frame_error.measured_row import Conditions, MeasuredRow
+from rendezvous.evaluation.frame_error.measured_row import MeasuredRow, PairConditions
 from rendezvous.evaluation.frame_error.summary import Comparison, ranking
 from rendezvous.evaluation.frame_error.symmetry import Symmetry
 from rendezvous.evaluation.frame_error.training_curve import STILL_FALLING
@@ -32,7 +32,7 @@ KEY = "frame_error"
 class FrameErrorContent:
     """Everything the part shows."""
 
-    conditions: Conditions  # of this run's measurements
+    conditions: PairConditions  # of this run's measurements
     # The shipped methods and those that the user added, by name, in the order of tables.
     methods: Mapping[str, Method]
     outcomes: pd.DataFrame  # the `outcome_table` of this run
@@ -90,21 +90,15 @@ class FrameErrorContent:
     def origin(self) -> list[tuple[str, str]]:
         """Names and values of everything the part was made from."""
         c = self.conditions
-        weights = [
-            (f"weights of {self.title(name)}", row.training.weights_digest)
-            for name, row in self.rows.items()
-            if row.training is not None
-        ]
-        return [
-            ("dataset", f"{self.dataset}, split {c.split}"),
-            ("digest of the pairs", c.data_digest),
-            ("digest of the frame errors", c.perturbation_digest),
-            ("seed of the frame errors", str(c.seed)),
-            ("commit", c.commit or "not known"),
-            ("hardware", c.hardware),
-            *weights,
-            *self.versions.items(),
-        ]
+        digests = {
+            "digest of the pairs": c.data_digest,
+            "digest of the frame errors": c.perturbation_digest,
+            "seed of the frame errors": str(c.seed),
+        }
+        for name, row in self.rows.items():
+            if row.training is not None:
+                digests[f"weights of {self.title(name)}"] = row.training.weights_digest
+        return c.made_from(digests, self.dataset, self.versions)
 
     def title(self, name: str) -> str:
         """A method's title."""
@@ -133,14 +127,11 @@ def frame_error_part(content: FrameErrorContent) -> ReportPart:
     return render_part(
         KEY,
         title="Frame error: how well two robots' maps are brought together",
-        facts=[
-            ("split", c.split),
+        facts=c.facts(
             ("pairs", f"{c.pairs:,}"),
             ("floor plans", f"{c.plans:,}"),
             ("frame error drawn from", f"±{c.xy_range_m:g} m, ±{c.yaw_range_deg:g}°"),
-            ("data", c.data_digest[:12]),
-            ("seed", str(c.seed)),
-        ],
+        ),
         c=content,
         charts=_charts(content),
         statistics=statistics,

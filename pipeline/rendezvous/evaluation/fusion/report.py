@@ -24,7 +24,6 @@ from rendezvous.evaluation.fusion.runs import (
     run_name,
 )
 from rendezvous.evaluation.fusion.summary import FusionFigures
-from rendezvous.evaluation.relative_pose.report import made_from
 from rendezvous.evaluation.report.page import ReportPart, render_part
 from rendezvous.evaluation.report.recorded_figures import ImageConditions, RecordedFigures
 from rendezvous.evaluation.report.violins import Component, violin_chart
@@ -75,14 +74,7 @@ def fusion_part(content: FusionContent) -> ReportPart:
     return render_part(
         KEY,
         title="Fusion: one image and two maps into one map",
-        facts=[
-            ("split", c.split),
-            ("rendezvous", f"{c.images:,}"),
-            ("floor plans", f"{c.plans:,}"),
-            *known,
-            ("data", c.data_digest[:12]),
-            ("seed", str(c.seed)),
-        ],
+        facts=c.facts(("rendezvous", f"{c.images:,}"), ("floor plans", f"{c.plans:,}"), *known),
         c=content,
         figures=content.rows[run_name(content.best)].figures,
         best_title=TITLES[content.best[1]].removeprefix("+ "),
@@ -95,7 +87,7 @@ def fusion_part(content: FusionContent) -> ReportPart:
         is_good=is_good,
         limits=f"{SUCCESS_M:g} m and {math.degrees(SUCCESS_RAD):.0f}°",
         wrong=f"{WRONG_M:g} m or {math.degrees(WRONG_RAD):.0f}°",
-        made_from=made_from(c, content.dataset, content.versions),
+        made_from=c.origin(content.dataset, content.versions),
     )
 
 

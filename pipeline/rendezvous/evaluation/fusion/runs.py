@@ -34,31 +34,18 @@ FusionRun = tuple[str, str]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FusionOutcome(JsonRecord):
-    """The fused map of one rendezvous."""
+    """The fused map of one rendezvous; by default there is none."""
 
-    T_m0_m1: OptionalPose  # T̂, or None if the robot was not found in the image
+    T_m0_m1: OptionalPose = None  # T̂, or None if the robot was not found in the image
     # The frame error left in T̂, seen from where T̃ puts robot 1: the components of `θ̂⁻¹ θ`.
-    error: OptionalPose
+    error: OptionalPose = None
     # Agreement of the fused map with the true one, as intersection over union: occupied cells with a partner
     # within a cell, over all; None without a fused map.
-    iou: float | None
-    accepted: bool  # the system's verdict
+    iou: float | None = None
+    accepted: bool = False  # the system's verdict
     reasons: tuple[str, ...]  # why the map is not accepted, or why there is none
-    refined: bool  # whether the maps gave an estimate; otherwise T̂ is T̃
-    duration_s: float  # from the relative pose to the fused map and the verdict
-
-    @staticmethod
-    def not_made(reason: str) -> FusionOutcome:
-        """The outcome without a fused map."""
-        return FusionOutcome(
-            T_m0_m1=None,
-            error=None,
-            iou=None,
-            accepted=False,
-            reasons=(reason,),
-            refined=False,
-            duration_s=0.0,
-        )
+    refined: bool = False  # whether the maps gave an estimate; otherwise T̂ is T̃
+    duration_s: float = 0.0  # from the relative pose to the fused map and the verdict
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -109,7 +96,7 @@ def run_rendezvous(
     for source, method in runs_of(tuple(refiners)):
         sighting = sightings[source]
         if sighting is None:
-            outcome = FusionOutcome.not_made(pose.reason)
+            outcome = FusionOutcome(reasons=(pose.reason,))
         else:
             outcome = _run(meeting, sighting, refiners[method], pair.T_m0_m1, true_map)
         runs.append((source, method, outcome))
@@ -127,7 +114,7 @@ def _run(
     try:
         result = fuse_maps(meeting, sighting, refiner)
     except MapError as error:
-        return FusionOutcome.not_made(str(error))
+        return FusionOutcome(reasons=(str(error),))
     duration_s = time.perf_counter() - started_s
     return FusionOutcome(
         T_m0_m1=result.T_m0_m1,

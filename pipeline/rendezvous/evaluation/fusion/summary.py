@@ -58,13 +58,12 @@ def fusion_table(outcomes: Sequence[RendezvousOutcome], overlap: Array) -> pd.Da
         outcomes: of N rendezvous.
         overlap: (N,) of their maps.
     """
-    numbered = [(n, *run) for n, outcome in enumerate(outcomes) for run in outcome.runs]
-    table = pd.DataFrame(
-        [
-            {"number": number, "source": source, "method": method, **_columns(outcome)}
-            for number, source, method, outcome in numbered
-        ]
-    ).set_index("number")
+    rows = [
+        {"number": number, "source": source, "method": method, **_columns(outcome)}
+        for number, rendezvous in enumerate(outcomes)
+        for source, method, outcome in rendezvous.runs
+    ]
+    table = pd.DataFrame(rows).set_index("number")
     table["overlap"] = overlap[table.index]
     table["overlaps"] = overlap_bins(table["overlap"])
     table["position_m"], table["heading_rad"] = np.hypot(table.dx_m, table.dy_m), table.dyaw_rad.abs()
@@ -74,15 +73,15 @@ def fusion_table(outcomes: Sequence[RendezvousOutcome], overlap: Array) -> pd.Da
 
 
 def _columns(outcome: FusionOutcome) -> dict[str, object]:
-    error = outcome.error
+    dx_m, dy_m, dyaw_rad = [math.nan] * 3 if outcome.error is None else outcome.error.as_array()
     return {
-        "made": error is not None,
+        "made": outcome.error is not None,
         "accepted": outcome.accepted,
         "refined": outcome.refined,
         "duration_s": outcome.duration_s,
-        "dx_m": math.nan if error is None else error.x_m,
-        "dy_m": math.nan if error is None else error.y_m,
-        "dyaw_rad": math.nan if error is None else error.yaw_rad,
+        "dx_m": dx_m,
+        "dy_m": dy_m,
+        "dyaw_rad": dyaw_rad,
         "iou": math.nan if outcome.iou is None else outcome.iou,
     }
 

@@ -18,7 +18,7 @@ from rendezvous.evaluation.pictures.canvas import (
     View,
     fitted_view,
 )
-from rendezvous.evaluation.pictures.map_panels import BOTH, blended, draw_robot, sampled
+from rendezvous.evaluation.pictures.map_panels import BOTH, blended, bounds_m, draw_robot, sampled
 from rendezvous.evaluation.pictures.poses import image_with_cuboid
 from rendezvous.fusion.fusion_input import FusionInput
 from rendezvous.fusion.system import FusionResult
@@ -59,9 +59,8 @@ def fusion_picture(meeting: FusionInput, result: FusionResult) -> Image:
 
 def view_of_both(meeting: FusionInput, T_m0_m1: SE2) -> tuple[View, tuple[int, int]]:
     """A view of m0 that shows all known cells of both maps, and the panel's width and height [px]."""
-    known_0, known_1 = (grid.cell_centres(grid.known()) for grid in (meeting.grid_0, meeting.grid_1))
-    points_m = np.concatenate([known_0, T_m0_m1 @ known_1])
-    lower_m, upper_m = points_m.min(axis=0) - _MARGIN_M, points_m.max(axis=0) + _MARGIN_M
+    placed = ((meeting.grid_0, SE2.identity()), (meeting.grid_1, T_m0_m1))
+    lower_m, upper_m = bounds_m(placed, _MARGIN_M)
     width_m, height_m = (float(extent_m) for extent_m in upper_m - lower_m)
     px_per_m = min(MOST_PX_PER_M, LONGER_PX / max(width_m, height_m))
     width_px, height_px = max(LEAST_PX, round(width_m * px_per_m)), round(height_m * px_per_m)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -23,7 +23,6 @@ WEDGE: Colour = (245, 190, 66)
 """The camera's field of view."""
 
 _COLOURS = (RED, BLUE)
-_PANEL_MARGIN_M = 0.3
 _ROBOT_RADIUS_M = 0.105
 
 Layers = Sequence[tuple[int, SE2]]
@@ -55,10 +54,10 @@ class PairMaps:
         return self.row["T_m0_m1" if true else "T_m0_m1_local"] if robot else SE2.identity()
 
 
-def bounds_m(pair: PairMaps, layers: Layers) -> tuple[Array, Array]:
-    """Lower and upper corner (2,) [m] around all known cells of a panel's maps, with a margin."""
-    points_m = np.concatenate([T @ pair.grids[i].cell_centres(pair.grids[i].known()) for i, T in layers])
-    return points_m.min(axis=0) - _PANEL_MARGIN_M, points_m.max(axis=0) + _PANEL_MARGIN_M
+def bounds_m(placed: Iterable[tuple[OccupancyGrid, SE2]], margin_m: float) -> tuple[Array, Array]:
+    """Lower and upper corner (2,) [m] around all known cells of maps, each with its pose in the panel."""
+    points_m = np.concatenate([T_d_m @ grid.cell_centres(grid.known()) for grid, T_d_m in placed])
+    return points_m.min(axis=0) - margin_m, points_m.max(axis=0) + margin_m
 
 
 def map_panel(
@@ -71,9 +70,8 @@ def map_panel(
     """Cells, paths and robots of one map in its own frame, or of both maps in w if given `T_w_m0`."""
     canvas = Canvas(*size_px, UNSEEN)
     maps = [sampled(pair.grids[i], T, view, size_px) for i, T in layers]
-    cells = maps[0]
-    greys = [(cells == FREE, PAPER), (cells == OCCUPIED, INK)]
-    canvas.image[:] = blended(maps) if T_w_m0 else _painted(greys, cells.shape)
+    greys = [(maps[0] == FREE, PAPER), (maps[0] == OCCUPIED, INK)]
+    canvas.image[:] = blended(maps) if T_w_m0 else _halved(_painted(greys))
     if T_w_m0:
         _draw_sighting(canvas, pair, view, T_w_m0)
     for robot, T in layers:
@@ -101,26 +99,34 @@ def sampled(grid: OccupancyGrid, T_d_m: SE2, view: View, size_px: tuple[int, int
 
 
 def blended(cells: Sequence[Image]) -> Image:
-    """Two maps of `sampled` over each other: red and blue where one has something, violet where both do."""
-    known = [c != UNKNOWN for c in cells]
-    walls = [c == OCCUPIED for c in cells]
-    layers = [
-        (known[0], SEEN[0]),
-        (known[1], SEEN[1]),
-        (known[0] & known[1], SEEN[2]),
-        (walls[0], RED),
-        (walls[1], BLUE),
-        (walls[0] & walls[1], BOTH),
-    ]
-    return _painted(layers, cells[0].shape)
+    """Two maps of `sampled` over each other, as `in_colours` paints them, at half the size."""
+    return _halved(in_colours([c != UNKNOWN for c in cells], [c == OCCUPIED for c in cells]))
 
 
-def _painted(layers: Sequence[tuple[Mask, Colour]], shape: tuple[int, ...]) -> Image:
-    """Colours where masks (2H, 2W) hold, later ones on top, at half the size."""
-    image = np.full((*shape, 3), UNSEEN, np.uint8)
+def in_colours(known: Sequence[Mask] | Mask, walls: Sequence[Mask] | Mask) -> Image:
+    """What two maps know, and their walls: red and blue where one has something, violet where both do."""
+    return _painted(
+        [
+            (known[0], SEEN[0]),
+            (known[1], SEEN[1]),
+            (known[0] & known[1], SEEN[2]),
+            (walls[0], RED),
+            (walls[1], BLUE),
+            (walls[0] & walls[1], BOTH),
+        ]
+    )
+
+
+def _painted(layers: Sequence[tuple[Mask, Colour]]) -> Image:
+    """Colours where masks (H, W) hold, later ones on top."""
+    image = np.full((*layers[0][0].shape, 3), UNSEEN, np.uint8)
     for mask, colour in layers:
         image[mask] = colour
-    half = (shape[1] // 2, shape[0] // 2)
+    return image
+
+
+def _halved(image: Image) -> Image:
+    half = (image.shape[1] // 2, image.shape[0] // 2)
     return np.asarray(cv2.resize(image, half, interpolation=cv2.INTER_AREA), dtype=np.uint8)
 
 

@@ -29,6 +29,7 @@ from rendezvous.geometry.camera import Image
 from rendezvous.geometry.se2 import SE2
 
 _GAP_PX = 20
+_MARGIN_M = 0.3
 _PANEL_SHARES = (0.3, 0.3, 0.4)
 _PANEL_HEIGHT_PX = 380
 _VIEW_WIDTH_PX, _VIEW_CAPTION_PX = 340, 30
@@ -133,7 +134,7 @@ def _maps(pair: PairMaps, spans: Sequence[Span], *, least_height_px: int) -> Ima
     """The three panels of maps side by side, all at one scale."""
     T_w_m0: SE2 = pair.row["T_w_m0"]
     placed = [[(0, SE2.identity())], [(1, SE2.identity())], [(i, T_w_m0 @ pair.T_m0_m(i)) for i in (0, 1)]]
-    boxes = [bounds_m(pair, layers) for layers in placed]
+    boxes = [bounds_m([(pair.grids[i], T) for i, T in layers], _MARGIN_M) for layers in placed]
     px_per_m = min(
         min((right - left) / (upper - lower)[0], _PANEL_HEIGHT_PX / (upper - lower)[1])
         for (left, right), (lower, upper) in zip(spans, boxes, strict=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -53,12 +54,14 @@ class PoseOutcome(JsonRecord):
     """What an estimator read from one image."""
 
     image_id: str
-    T_r0_r1: OptionalPose  # the most probable reading, or None if the robot was not found
-    covariance: OptionalArray  # (3, 3) of the components of `T_r0_r1⁻¹ T_r0_r1_true`; None without a pose
-    degrees_of_freedom: FiniteOrNot  # of the t distribution with this covariance; infinite for a normal one
-    T_c_o: OptionalArray  # (4, 4) pose of the cuboid that was read; None without a pose
+    T_r0_r1: OptionalPose = None  # the most probable reading, or None if the robot was not found
+    covariance: OptionalArray = (
+        None  # (3, 3) of the components of `T_r0_r1⁻¹ T_r0_r1_true`; None without a pose
+    )
+    degrees_of_freedom: FiniteOrNot = math.inf  # of the t distribution with this covariance
+    T_c_o: OptionalArray = None  # (4, 4) pose of the cuboid that was read; None without a pose
     others: tuple[Pose, ...]  # the other readings, by falling probability
-    mass: float  # probability of the first reading; 0 without a pose
+    mass: float = 0.0  # probability of the first reading; 0 without a pose
     score: float  # of the detection, in [0, 1]
     reason: str  # why there is no pose, or '' if there is one
     duration_s: float  # of the estimate alone
@@ -71,15 +74,14 @@ class PoseOutcome(JsonRecord):
         image_id: str, pose: RelativePose, *, duration_s: float, found_covered: bool | None = None
     ) -> PoseOutcome:
         """The outcome of an estimate."""
-        best = pose.best if pose.found else None
+        read: dict[str, Any] = {}
+        if pose.found:
+            names = ("T_r0_r1", "covariance", "degrees_of_freedom", "T_c_o", "mass")
+            read = {name: getattr(pose.best, name) for name in names}
         return PoseOutcome(
+            **read,
             image_id=image_id,
-            T_r0_r1=best.T_r0_r1 if best else None,
-            covariance=best.covariance if best else None,
-            degrees_of_freedom=best.degrees_of_freedom if best else math.inf,
-            T_c_o=best.T_c_o if best else None,
             others=tuple(mode.T_r0_r1 for mode in pose.modes[1:]),
-            mass=best.mass if best else 0.0,
             score=pose.score,
             reason=pose.reason,
             duration_s=duration_s,

@@ -85,33 +85,18 @@ def pose_part(content: PoseContent) -> ReportPart:
         window_xy_m=PAPER_XY_M,
         window_yaw_rad=PAPER_YAW_RAD,
         charts=_charts(content),
-        made_from=made_from(content.conditions, content.dataset, content.versions),
+        made_from=content.conditions.origin(content.dataset, content.versions),
     )
-
-
-def made_from(c: ImageConditions, dataset: str, versions: Mapping[str, str]) -> list[tuple[str, str]]:
-    """What a part on images was made from, by name."""
-    return [
-        ("dataset", f"{dataset}, split {c.split}"),
-        ("digest of the images", c.data_digest),
-        *((f"weights, {name}", digest) for name, digest in c.weights.items()),
-        ("commit", c.commit or "not known"),
-        ("hardware", c.hardware),
-        *versions.items(),
-    ]
 
 
 def _facts(c: ImageConditions, images: pd.DataFrame) -> list[tuple[str, str]]:
     known = c.trained_on.get("relative pose")
-    return [
-        ("split", c.split),
+    return c.facts(
         *((f"{kind} images", f"{count:,}") for kind, count in images.kind.value_counts(sort=False).items()),
         ("without the robot", f"{int((~images.shows_robot).sum()):,}"),
         ("floor plans", f"{c.plans:,}"),
         ("of them trained on", "not known" if known is None else f"{known:,}"),
-        ("data", c.data_digest[:12]),
-        ("seed", str(c.seed)),
-    ]
+    )
 
 
 def _charts(content: PoseContent) -> dict[str, Markup | None]:

@@ -36,29 +36,60 @@ Row = TypeVar("Row", bound=Recordable)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ImageConditions:
-    """The images on which all variants of one evaluation were measured."""
+class Conditions:
+    """What all rows of one evaluation were measured on."""
 
     split: str  # of the dataset
-    # images, plans: their numbers.
-    images: int
-    plans: int
-    data_digest: str  # digest of the images' ids and content
-    seed: int  # of the draw of images
-    weights: dict[str, str]  # SHA-256 of the weights' files, by what they are of
-    # How many of the measured floor plans the weights were trained on, by what they are of; None if unknown.
-    trained_on: dict[str, int | None]
+    plans: int  # number of floor plans
+    data_digest: str  # of the ids and content of what was measured
+    seed: int  # of everything that was drawn
     commit: str  # of the code, or '' if unknown
     hardware: str  # of the machine
 
+    @property
+    def split_suffix(self) -> str:
+        """The end of the name of a file with figures of this split."""
+        return "" if self.split == "test" else f"-{self.split}"
+
+    def facts(self, *counts: tuple[str, str]) -> list[tuple[str, str]]:
+        """Names and values at the top of a part, with how much was measured among them."""
+        return [("split", self.split), *counts, ("data", self.data_digest[:12]), ("seed", str(self.seed))]
+
+    def made_from(
+        self, digests: Mapping[str, str], dataset: str, versions: Mapping[str, str]
+    ) -> list[tuple[str, str]]:
+        """What a part was made from, by name: `digests` of its data and weights, `versions` of packages."""
+        return [
+            ("dataset", f"{dataset}, split {self.split}"),
+            *digests.items(),
+            ("commit", self.commit or "not known"),
+            ("hardware", self.hardware),
+            *versions.items(),
+        ]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ImageConditions(Conditions):
+    """The images on which all variants of one evaluation were measured."""
+
+    images: int  # number of them
+    weights: dict[str, str]  # SHA-256 of the weights' files, by what they are of
+    # How many of the measured floor plans the weights were trained on, by what they are of; None if unknown.
+    trained_on: dict[str, int | None]
+
     def file_name(self, name: str) -> str:
         """The file that records the latest figures of a variant on this split."""
-        return f"{name}{'' if self.split == 'test' else f'-{self.split}'}.json"
+        return f"{name}{self.split_suffix}.json"
 
     @property
     def measured_on(self) -> tuple[int, str]:
         """The number of images, and the noun."""
         return self.images, "images"
+
+    def origin(self, dataset: str, versions: Mapping[str, str]) -> list[tuple[str, str]]:
+        """`made_from` the images and weights."""
+        weights = {f"weights, {name}": digest for name, digest in self.weights.items()}
+        return self.made_from({"digest of the images": self.data_digest, **weights}, dataset, versions)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

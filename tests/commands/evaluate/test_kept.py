@@ -7,9 +7,17 @@ import pytest
 from markupsafe import Markup
 from rich.console import Console
 
-from rendezvous.commands.evaluate.report_folder import keep_evaluation, kept_metrics
+from rendezvous.commands.evaluate.frame_error import RECORDS
+from rendezvous.commands.evaluate.fusion import FUSION_RECORDS
+from rendezvous.commands.evaluate.kept import RecordFolder, keep_evaluation, kept_metrics
+from rendezvous.commands.evaluate.relative_pose import POSE_RECORDS
 from rendezvous.errors import StoreError
+from rendezvous.evaluation.frame_error.measured_row import MeasuredRow
+from rendezvous.evaluation.fusion.summary import FusionFigures
+from rendezvous.evaluation.relative_pose.summary import PoseSummary
 from rendezvous.evaluation.report.page import ReportPart
+from rendezvous.evaluation.report.recorded_figures import RecordedFigures
+from rendezvous.methods import METHODS
 from rendezvous.store.disk import Disk
 
 
@@ -67,3 +75,25 @@ def test_damaged_figures_are_told_and_nothing_is_replaced(tmp_path):
         _keep(tmp_path, "fusion", "fused maps")
     assert (tmp_path / "index.html").read_bytes() == before
     assert kept_metrics(Disk(str(tmp_path / "nowhere"))) == {}
+
+
+@pytest.mark.parametrize(
+    ("folder", "kind"),
+    [
+        (RECORDS, MeasuredRow),
+        (POSE_RECORDS, RecordedFigures[PoseSummary]),
+        (FUSION_RECORDS, RecordedFigures[FusionFigures]),
+    ],
+)
+def test_figures_that_come_with_the_project_are_read_and_stand_under_their_names(folder, kind):
+    found = RecordFolder.read(folder, kind, command="evaluate")
+    assert found.rows
+    assert [row.conditions.file_name(row.name) for row in found.rows.values()] == list(found.rows)
+    for name, row in found.rows.items():
+        kept = json.loads(found.disk.read(name))
+        assert json.loads(json.dumps(row.to_json())) == kept | row.to_json()
+
+
+def test_every_method_has_a_recorded_row():
+    rows = RecordFolder.read(RECORDS, MeasuredRow, command="evaluate").rows
+    assert {row.method for row in rows.values()} == set(METHODS)
