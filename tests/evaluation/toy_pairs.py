@@ -10,7 +10,7 @@ import pandas as pd
 
 from rendezvous.alignment.estimate import Estimate
 from rendezvous.evaluation.frame_error.estimates import Outcome, outcome, outcome_table
-from rendezvous.geometry.occupancy_grid import grid_from_png
+from rendezvous.evaluation.pictures.map_panels import PairMaps
 from rendezvous.geometry.se2 import SE2, Array
 from rendezvous.training.frame_error.pairs import (
     MapPair,
@@ -25,18 +25,9 @@ from tests.synthetic import synthetic_row
 def toy_pair(plan: int) -> MapPair:
     """A synthetic sighting as an estimator's test needs it."""
     row = synthetic_row(np.random.default_rng(plan), plan=plan)
-    grid_0, grid_1 = (
-        grid_from_png(row[f"map_{i}"], resolution_m=row["resolution_m"], T_m_g=row[f"origin_{i}"])
-        for i in (0, 1)
-    )
-    return MapPair(
-        pair_id=row["pair_id"],
-        grid_0=grid_0,
-        grid_1=grid_1,
-        T_m0_m1=row["T_m0_m1_local"],
-        T_m1_r1=row["T_m1_r1"],
-        overlap=row["overlap"],
-    )
+    grid_0, grid_1 = PairMaps.of(row).grids
+    poses = {name: row[name] for name in ("T_m0_r0", "T_m1_r1")} | {"T_m0_m1": row["T_m0_m1_local"]}
+    return MapPair(pair_id=row["pair_id"], grid_0=grid_0, grid_1=grid_1, overlap=row["overlap"], **poses)
 
 
 def toy_sample(pair: MapPair, *, seed: int = 0) -> PerturbedPair:
@@ -60,31 +51,28 @@ def outcomes_of(
     error: Array,
     *,
     covariance: Array | None = None,
-    tails: float | None = None,
+    tails: float = math.inf,
     ambiguous: Sequence[bool] | None = None,
     failed: Sequence[bool] | None = None,
     overlap: float | Sequence[float] = 0.3,
 ) -> pd.DataFrame:
     """An outcome table with these errors (N, 3) of one method: a failure's is that of answering zero."""
-    count = len(error)
     rows = [
         Outcome(
             pair_id=f"pair-{i}",
-            theta=SE2.from_array(error[i]),
-            theta_hat=None if fails else SE2.identity(),
+            theta=SE2.from_array(off),
+            theta_hat=None if failed and failed[i] else SE2.identity(),
             covariance=None if covariance is None else covariance[i],
-            degrees_of_freedom=math.inf if tails is None else tails,
-            ambiguous=doubted,
-            reason="a toy" if fails else "",
+            degrees_of_freedom=tails,
+            ambiguous=bool(ambiguous and ambiguous[i]),
+            reason="",
             log_density=None,
-            meeting_error_m=float(np.hypot(*error[i, :2])),
+            meeting_error_m=math.hypot(*off[:2]),
             duration_s=0.001 * (i + 1),
         )
-        for i, (fails, doubted) in enumerate(
-            zip(failed or [False] * count, ambiguous or [False] * count, strict=True)
-        )
+        for i, off in enumerate(error)
     ]
-    return outcome_table({"toy": rows}, np.broadcast_to(overlap, count))
+    return outcome_table({"toy": rows}, np.broadcast_to(overlap, len(error)))
 
 
 def tables_of(*, overlap: float | Sequence[float] = 0.3, **errors: Array) -> pd.DataFrame:

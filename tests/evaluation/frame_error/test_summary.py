@@ -25,17 +25,13 @@ ERROR = np.array(
 )
 
 
-def test_figures_are_those_of_the_errors():
+def test_figures_are_those_of_the_errors_in_total_and_in_each_bin_of_overlap():
     found = summary(outcomes_of(ERROR, overlap=OVERLAP), WEIGHTS)
     assert [mean.value for mean in found.overall.mean] == approx(np.abs(ERROR).mean(axis=0))
     assert found.overall.median == approx(tuple(np.median(np.abs(ERROR), axis=0)))
     assert found.overall.position_m.value == approx(np.hypot(ERROR[:, 0], ERROR[:, 1]).mean())
     assert found.overall.success.value == approx(5 / 6)
     assert found.duration_median_s == approx(0.0035)
-
-
-def test_each_pair_is_in_the_bin_of_its_overlap():
-    found = summary(outcomes_of(ERROR, overlap=OVERLAP), WEIGHTS)
     assert list(found.by_overlap) == list(OVERLAP_BINS)
     bins = list(found.by_overlap.values())
     assert [found.count for found in bins] == [1, 2, 1, 2]

@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,7 +8,6 @@ import pytest
 from rendezvous.evaluation.fusion.runs import (
     ESTIMATED,
     TRUE,
-    FusionOutcome,
     RendezvousOutcome,
     run_rendezvous,
     runs_of,
@@ -25,42 +23,39 @@ from tests.synthetic import synthetic_row
 ROW = synthetic_row(np.random.default_rng(0), plan=0)
 
 
+TRUTH = ROW["T_r0_r1_true"]
+
+
 @pytest.fixture(scope="module")
 def pair() -> MapPair:
-    """A pair of maps with robot 0's pose."""
-    return replace(toy_pair(0), T_m0_r0=ROW["T_m0_r0"])
+    return toy_pair(0)
 
 
-def _run(pair: MapPair, *off: float, source: str = ESTIMATED) -> FusionOutcome:
-    """The run without refinement of a relative pose that is off by a motion."""
-    read = read_as(mode(ROW["T_r0_r1_true"] @ SE2(*off)))
-    return run_rendezvous(pair, ROW["T_r0_r1_true"], read, {"none": None})[(source, "none")]
-
-
-@pytest.mark.parametrize(("off", "source"), [((0.0, 0.0, 0.0), ESTIMATED), ((0.3, -0.4, 0.2), TRUE)])
-def test_the_true_relative_pose_gives_the_true_map(pair, off, source):
-    run = _run(pair, *off, source=source)
-    assert run.error.as_array() == pytest.approx([0.0, 0.0, 0.0], abs=1e-9)
-    assert run.iou == 1.0
+@pytest.mark.parametrize(
+    ("off", "position_m", "least_iou", "most_iou"),
+    [
+        ((0.0, 0.0, 0.0), 0.0, 1.0, 1.0),
+        # The meeting point is where T̃ puts robot 1; ten metres from the origin of m0 the error is no larger.
+        ((0.3, -0.4, 0.2), 0.5, 0.0, 0.85),
+        # Maps agree within a cell and no more.
+        *(((0.04, 0.0, 0.0), 0.04, 0.98, 1.0), ((0.16, 0.0, 0.0), 0.16, 0.0, 0.85)),
+    ],
+)
+def test_a_relative_pose_leaves_its_error_at_the_meeting_point(pair, off, position_m, least_iou, most_iou):
+    found = run_rendezvous(pair, TRUTH, read_as(mode(TRUTH @ SE2(*off))), {"none": None})
+    run, right = found[(ESTIMATED, "none")], found[(TRUE, "none")]
+    assert math.hypot(run.error.x_m, run.error.y_m) == pytest.approx(position_m, abs=1e-9)
+    assert run.error.yaw_rad == pytest.approx(off[2], abs=1e-9)
+    assert least_iou <= run.iou <= most_iou
+    assert right.error.as_array() == pytest.approx([0.0, 0.0, 0.0], abs=1e-9)
+    assert right.iou == 1.0
     assert not run.refined
-
-
-def test_a_wrong_relative_pose_leaves_its_error_at_the_meeting_point(pair):
-    run = _run(pair, 0.3, -0.4, 0.2)
-    # The meeting point is where T̃ puts robot 1; ten metres from the origin of m0 the error is no larger.
-    assert math.hypot(run.error.x_m, run.error.y_m) == pytest.approx(0.5, abs=1e-9)
-    assert run.error.yaw_rad == pytest.approx(0.2)
-
-
-def test_maps_agree_within_a_cell_and_no_more(pair):
-    assert _run(pair, 0.04, 0.0, 0.0).iou > 0.98
-    assert _run(pair, 0.16, 0.0, 0.0).iou < 0.85
+    assert not right.refined
 
 
 def test_maps_mend_a_wrong_relative_pose(pair):
-    true = ROW["T_r0_r1_true"]
-    read = read_as(mode(true @ SE2(0.2, -0.2, 0.1), sigma=0.2))
-    found = run_rendezvous(pair, true, read, {"none": None, "correlative": correlative_refiner})
+    read = read_as(mode(TRUTH @ SE2(0.2, -0.2, 0.1), sigma=0.2))
+    found = run_rendezvous(pair, TRUTH, read, {"none": None, "correlative": correlative_refiner})
     alone, mended = found[(ESTIMATED, "none")], found[(ESTIMATED, "correlative")]
     assert mended.refined
     assert math.hypot(mended.error.x_m, mended.error.y_m) < 0.06
@@ -68,7 +63,7 @@ def test_maps_mend_a_wrong_relative_pose(pair):
 
 
 def test_a_robot_that_is_not_found_makes_no_map_but_counts(pair):
-    found = run_rendezvous(pair, ROW["T_r0_r1_true"], read_as(), {"none": None})
+    found = run_rendezvous(pair, TRUTH, read_as(), {"none": None})
     run = found[(ESTIMATED, "none")]
     assert (run.T_m0_m1, run.reasons, run.accepted) == (None, ("a toy",), False)
     assert found[(TRUE, "none")].T_m0_m1 is not None
@@ -83,7 +78,7 @@ def test_with_the_true_pose_there_is_no_covariance_to_tell():
     assert runs_of(("auto", "none", "learned")) == (*estimated, (TRUE, "none"), (TRUE, "learned"))
 
 
-@pytest.mark.parametrize("modes", [(mode(ROW["T_r0_r1_true"]),), ()])
+@pytest.mark.parametrize("modes", [(mode(TRUTH),), ()])
 def test_outcomes_survive_json(pair, modes):
-    found = run_rendezvous(pair, ROW["T_r0_r1_true"], read_as(*modes), {"none": None})
+    found = run_rendezvous(pair, TRUTH, read_as(*modes), {"none": None})
     assert RendezvousOutcome.from_json(found.to_json()) == found

@@ -12,12 +12,15 @@ from rendezvous.evaluation.relative_pose.summary import (
     GROUPS,
     HEADINGS,
     PoseSummary,
+    Share,
     grouped,
     has_goal,
     pose_summary,
 )
 from rendezvous.geometry.se2 import SE2
 from tests.evaluation.toy_poses import drawn_truths, mode, outcomes, read_as, truth
+
+KINDS = ("plausible", "sighting")
 
 
 def test_the_truth_reaches_the_goal_and_lies_inside_every_ellipsoid():
@@ -49,24 +52,16 @@ def test_errors_drawn_from_the_covariance_are_covered_as_often_as_it_says(tails)
     assert found.coverage.nees_mean == pytest.approx(3.0, abs=0.2)
 
 
-def test_an_estimator_that_turns_all_robots_around_is_confused_every_time():
+def test_robots_turned_around_are_confused_every_time_and_what_is_never_found_has_no_errors():
     truths = drawn_truths(12)
-    found = pose_summary(
-        outcomes(truths, [read_as(mode(t.T_r0_r1 @ SE2(0.0, 0.0, math.pi))) for t in truths])
+    turned, missed = (
+        pose_summary(outcomes(truths, poses))
+        for poses in ([read_as(mode(t.T_r0_r1 @ SE2(0.0, 0.0, math.pi))) for t in truths], [read_as()] * 12)
     )
-    assert (found.overall.confused.count, found.overall.confused.of) == (12, 12)
-    assert (found.window.inside.count, found.reached) == (0, False)
-
-
-def test_what_is_never_found_has_no_errors_but_is_counted():
-    found = pose_summary(outcomes(drawn_truths(9), [read_as()] * 9))
-    assert (found.overall.detected.count, found.overall.detected.of) == (0, 9)
-    assert (found.overall.position_m, found.coverage, found.window, found.reached) == (
-        None,
-        None,
-        None,
-        False,
-    )
+    assert (turned.overall.confused, turned.window.inside) == (Share(count=12, of=12), Share(count=0, of=12))
+    assert missed.overall.detected == Share(count=0, of=12)
+    assert {missed.overall.position_m, missed.coverage, missed.window} == {None}
+    assert (turned.reached, missed.reached) == (False, False)
 
 
 def test_false_detections_are_of_images_without_the_robot_and_of_covered_copies():
@@ -101,38 +96,30 @@ def test_every_image_that_shows_the_robot_is_in_one_group_of_each_kind():
 
 
 @pytest.mark.parametrize(
-    ("x_m", "visibility", "distances", "visibilities"),
+    ("x_m", "visibility", "distances", "visibilities", "goal"),
     [
-        *((0.9, 0.1, "< 1 m", "< 0.25"), (1.5, 0.25, "1–1.75 m", "0.25–0.5")),
-        *((2.0, 0.6, "1.75–2.5 m", "0.5–0.75"), (3.0, 0.75, "2.5–3.5 m", "> 0.75")),
-        (4.0, 1.0, "> 3.5 m", "> 0.75"),
+        (0.9, 0.1, "< 1 m", "< 0.25", False),
+        (1.5, 0.25, "1–1.75 m", "0.25–0.5", False),
+        (2.0, 0.4, "1.75–2.5 m", "0.25–0.5", False),
+        (2.0, 0.6, "1.75–2.5 m", "0.5–0.75", True),
+        (3.0, 0.75, "2.5–3.5 m", "> 0.75", False),
+        (4.0, 1.0, "> 3.5 m", "> 0.75", False),
     ],
 )
-def test_images_are_binned_by_distance_and_visibility(x_m, visibility, distances, visibilities):
-    found = outcomes([truth(0, SE2(x_m, 0.0, 0.0), visibility=visibility)], [read_as()])
-    row = grouped(found).loc[0]
+def test_images_are_binned_and_the_goal_is_for_plausible_ones_of_a_near_and_visible_robot(
+    x_m, visibility, distances, visibilities, goal
+):
+    images = [truth(i, SE2(x_m, 0.0, 0.0), visibility=visibility, kind=k) for i, k in enumerate(KINDS)]
+    found = outcomes([*images, truth(2, None)], [read_as()] * 3)
+    row = grouped(found[found.shows_robot]).loc[0]
     assert (row.distances, row.visibilities) == (distances, visibilities)
+    assert has_goal(found).tolist() == [goal, False, False]
 
 
 def test_sectors_are_centred_on_multiples_of_45_degrees():
     heading_deg = np.add.outer(45.0 * np.arange(8), (-22.0, 0.0, 22.0)).ravel()
     truths = [truth(i, SE2(1.03, 0.0, yaw_rad)) for i, yaw_rad in enumerate(np.radians(heading_deg))]
     assert grouped(outcomes(truths, [read_as()] * 24)).headings.tolist() == np.repeat(HEADINGS, 3).tolist()
-
-
-@pytest.mark.parametrize(
-    ("x_m", "settings", "goal"),
-    [
-        (2.0, {"visibility": 0.6}, True),
-        (2.0, {"visibility": 0.4}, False),
-        (3.0, {"visibility": 0.6}, False),
-        (2.0, {"kind": "sighting"}, False),
-        (None, {}, False),
-    ],
-)
-def test_the_goal_is_for_plausible_images_of_near_and_visible_robots(x_m, settings, goal):
-    seen = truth(0, None if x_m is None else SE2(x_m, 0.0, 0.0), **settings)
-    assert has_goal(outcomes([seen], [read_as()])).tolist() == [goal]
 
 
 def test_medians_tails_and_shares_are_those_of_the_errors():
