@@ -150,9 +150,10 @@ def _source_of(content, row: MeasuredRow) -> str:
         ("table-1", "Its pairs are not public, so its columns stand beside ours for orientation only"),
         *((name, "pairs of one floor plan are not: they are too narrow") for name in SHARES),
         ("better", "each of the 3 intervals is of 95 % for itself, not corrected for their number"),
+        *(("origin", f"<code>{value}</code>") for value in ("d" * 64, "p" * 64, "c" * 40, "w", "0")),
     ],
 )
-def test_the_page_says_what_its_figures_do_not_show(page, section, caveat):
+def test_the_page_says_what_its_figures_do_not_show_and_what_they_were_made_from(page, section, caveat):
     (words,) = [words for words in page.split('<section id="') if words.startswith(f"frame_error-{section}")]
     assert caveat in words
 

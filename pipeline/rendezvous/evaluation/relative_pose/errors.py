@@ -61,7 +61,6 @@ class PoseOutcome(JsonRecord):
     degrees_of_freedom: FiniteOrNot = math.inf  # of the t distribution with this covariance
     T_c_o: OptionalArray = None  # (4, 4) pose of the cuboid that was read; None without a pose
     others: tuple[Pose, ...]  # the other readings, by falling probability
-    mass: float = 0.0  # probability of the first reading; 0 without a pose
     score: float  # of the detection, in [0, 1]
     reason: str  # why there is no pose, or '' if there is one
     duration_s: float  # of the estimate alone
@@ -76,7 +75,7 @@ class PoseOutcome(JsonRecord):
         """The outcome of an estimate."""
         read: dict[str, Any] = {}
         if pose.found:
-            names = ("T_r0_r1", "covariance", "degrees_of_freedom", "T_c_o", "mass")
+            names = ("T_r0_r1", "covariance", "degrees_of_freedom", "T_c_o")
             read = {name: getattr(pose.best, name) for name in names}
         return PoseOutcome(
             **read,
