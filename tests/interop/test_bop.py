@@ -221,3 +221,10 @@ def test_the_camera_file_names_what_the_toolkit_loads():
 
 def test_a_scene_without_images_is_still_json():
     assert json.loads(bop_json(scene_camera_document({}))) == {}
+
+
+def test_vertices_are_seen_from_the_cuboid_however_it_is_turned():
+    box = trimesh.creation.box((1.0, 2.0, 3.0))
+    T_r_o = random_pose(np.random.default_rng(0))
+    back = model_vertices({"box": box}, T_r_o) @ T_r_o[:3, :3].T + T_r_o[:3, 3]
+    assert back == pytest.approx(np.asarray(box.vertices))

@@ -238,3 +238,14 @@ def test_a_jpeg_is_read_to_its_noise(tmp_path, channels):
     greys[8:24] = 0
     image = _read(tmp_path, _encoded(".jpg", np.dstack([greys] * channels).squeeze()))
     assert np.abs(image.grey.astype(int) - greys).max() < 10
+
+
+def test_a_bmp_whose_top_row_comes_first_is_the_same_image(tmp_path):
+    """Its height is negative; most have the bottom row first."""
+    usual = _encoded(".bmp")
+    start, stride, height = struct.unpack("<I", usual[10:14])[0], 16, len(GREYS)  # 13 pixels and 3 bytes
+    assert len(usual) == start + stride * height
+    rows = [usual[start + stride * row :][:stride] for row in reversed(range(height))]
+    turned = usual[:22] + struct.pack("<i", -height) + usual[26:start] + b"".join(rows)
+    assert (_read(tmp_path, turned).grey == GREYS).all()
+    assert (_read(tmp_path, usual).grey == GREYS).all()

@@ -78,6 +78,7 @@ def test_items_are_read_in_the_order_asked_for(finished):
     rows = list(reader.rows([c, b], item_column="id", columns=["n", "id"]))
     assert [(row["id"], row["n"]) for row in rows] == [("c", 0), ("c", 1), ("b", 0), ("b", 1)]
     assert set(rows[0]) == {"n", "id"}
+    assert list(reader.rows([c], item_column="id", columns=["n"])) == [{"n": 0}, {"n": 1}]
 
 
 def test_the_layout_is_as_asked_for(finished):

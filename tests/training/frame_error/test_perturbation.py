@@ -90,6 +90,10 @@ def test_a_wide_share_is_drawn_from_the_wide_range():
     yaw = np.abs([draw_perturbation(wide, rng).theta_c.yaw_rad for _ in range(4000)])
     assert np.mean(yaw > math.pi / 4) == pytest.approx(0.25 * 0.75, abs=0.02)
     assert wide.search().yaw_rad == math.pi
+    narrow = PerturbationRange(
+        xy_m=2.0, yaw_rad=1.0, wide_share=0.5, wide_xy_m=1.0, wide_yaw_rad=0.5
+    ).search()
+    assert (narrow.xy_m, narrow.yaw_rad) == (pytest.approx(2.0 * math.sqrt(2.0)), 1.0)
     assert wide.search().xy_m == pytest.approx(3.0 * math.sqrt(2.0))
     assert RANGE.search().xy_m == pytest.approx(2.0 * math.sqrt(2.0))
 
