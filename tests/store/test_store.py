@@ -6,6 +6,7 @@ import errno
 import json
 import os
 import re
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -376,3 +377,12 @@ def test_chunks_do_not_cross_shards():
     assert ["".join(item.item_id for item in chunk) for chunk in chunks(items, 2)] == ["ab", "c", "de"]
     more = [*items, Item(item_id="f", digest="", shard="2")]
     assert list(chunks(more, 2))[:3] == list(chunks(items, 2))
+
+
+@pytest.mark.parametrize(("encoding", "told"), [("utf-8", False), ("ascii", True)])
+def test_a_name_that_a_locale_garbled_is_told_with_what_helps(monkeypatch, encoding: str, told: bool):
+    """With `LC_ALL=C` and without UTF-8 mode Python takes the bytes of `ü` for halves of characters."""
+    monkeypatch.setattr(sys, "getfilesystemencoding", lambda: encoding)
+    with pytest.raises(StoreError, match=r"is not UTF-8; must name a folder in it") as caught:
+        Disk("data-\udcc3\udcbc").names()
+    assert str(caught.value).endswith("; names are taken for ascii: PYTHONUTF8=1 helps") is told

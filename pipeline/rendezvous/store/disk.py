@@ -10,6 +10,7 @@ import errno
 import hashlib
 import os
 import re
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -38,7 +39,11 @@ class Disk:
     @cached_property
     def _resolved(self) -> tuple[pyarrow.fs.FileSystem, str]:
         if "\0" in self.root or self.root.encode(errors="ignore").decode() != self.root:
-            raise StoreError(f"{self.root!r}: is not UTF-8; must name a folder in it, without zero bytes")
+            encoding = sys.getfilesystemencoding()
+            remedy = "" if encoding == "utf-8" else f"; names are taken for {encoding}: PYTHONUTF8=1 helps"
+            raise StoreError(
+                f"{self.root!r}: is not UTF-8; must name a folder in it, without zero bytes{remedy}"
+            )
         if not self.is_uri:
             return pyarrow.fs.LocalFileSystem(), os.path.abspath(self.root)
         try:
