@@ -6,6 +6,7 @@ import os
 import subprocess
 import time
 from collections.abc import Callable, Sequence
+from functools import cache
 from io import StringIO
 from pathlib import Path
 
@@ -13,7 +14,7 @@ import pytest
 from hypothesis import settings
 from rich.console import Console
 
-from rendezvous.config.load import load_config
+from rendezvous.config.load import Config, load_config
 from rendezvous.engine.pool import Engine
 from rendezvous.engine.run import Run
 
@@ -57,10 +58,16 @@ def make_run(tmp_path: Path) -> MakeRun:
     return make
 
 
+@cache
+def smoke_config(overrides: tuple[str, ...] = (), seed: int | None = None) -> Config:
+    """The smoke preset; many tests ask for the same."""
+    return load_config(ROOT / "stages.yaml", preset="smoke", overrides=overrides, seed=seed)
+
+
 def run_in(data: str, overrides: Sequence[str] = (), *, seed: int | None = None) -> Run:
     """A run of the smoke preset in a folder, in this process."""
     return Run(
-        config=load_config(ROOT / "stages.yaml", preset="smoke", overrides=overrides, seed=seed),
+        config=smoke_config(tuple(overrides), seed),
         data=data,
         workers=1,
         engine=Engine.INLINE,

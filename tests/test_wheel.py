@@ -98,7 +98,7 @@ def test_from_an_empty_folder_the_wheel_fuses_makes_a_dataset_and_measures_on_it
     assert (tmp_path / "fused" / "fused.yaml").is_file()
 
     sets = [word for item in THREE_PLANS for word in ("--set", item)]
-    rendezvous("dataset", "--preset", "smoke", "--workers", "1", *sets)
+    rendezvous("dataset", "--preset", "smoke", "--engine", "inline", *sets)
     assert rendezvous("verify").endswith(": sound\n")
 
     few = ("--count", "1", "--methods", "none", "--workers", "1")

@@ -14,13 +14,12 @@ from pathlib import Path
 import pyarrow as pa
 from rich.console import Console
 
-from rendezvous.config.load import load_config
 from rendezvous.engine.pool import Engine
 from rendezvous.engine.run import Run, Task, part_name
 from rendezvous.seeds import stream
 from rendezvous.store.records import Inputs, Quarantined, Shard
 from rendezvous.store.tables import Layout
-from tests.conftest import ROOT
+from tests.conftest import smoke_config
 
 STAGE = "floorplans"  # its folder; what is written there is ours
 LAYOUT = Layout(item_column="item", uncompressed=("blob",))
@@ -72,8 +71,7 @@ def folder_content(folder: str | Path) -> dict[str, bytes]:
 
 
 def run_of(data: str, *, workers: int = 1, engine: Engine = Engine.INLINE) -> Run:
-    config = load_config(ROOT / "stages.yaml", preset="smoke")
-    return Run(config=config, data=data, workers=workers, engine=engine, console=Console(stderr=True))
+    return Run(config=smoke_config(), data=data, workers=workers, engine=engine, console=Console(stderr=True))
 
 
 def main() -> None:

@@ -6,6 +6,7 @@ import itertools
 import multiprocessing
 import os
 import random
+import shutil
 import signal
 import subprocess
 import sys
@@ -254,11 +255,13 @@ def test_a_crash_at_any_step_of_writing_is_made_good_by_a_rerun(tmp_path: Path):
     before, after = ["a", "b", "c", "d"], ["new", "a", "c", "x"]
     build(tmp_path / "fresh", toy_tasks(after, per_shard=1))
     expected = toy_content(tmp_path / "fresh")
+    build(tmp_path / "before", toy_tasks(before, per_shard=1))
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(["tests.engine.test_run"])
+    # PyArrow imports pandas where it finds it: once, not in each process that is to crash.
+    context.set_forkserver_preload(["tests.engine.test_run", "pandas"])
     for at in itertools.count():
         data = tmp_path / f"crash-{at}"
-        build(data, toy_tasks(before, per_shard=1))
+        shutil.copytree(tmp_path / "before", data)
         process = context.Process(target=build_and_crash, args=(str(data), after, at))
         process.start()
         process.join()

@@ -8,6 +8,7 @@ import hashlib
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
+from functools import cache
 from importlib import metadata
 
 from rendezvous.errors import StoreError
@@ -38,6 +39,12 @@ RECORDED_PACKAGES = (
     "shapely",
     "trimesh",
 )
+
+
+@cache
+def _versions() -> dict[str, str]:
+    """Looked up once: it takes longer than writing a small shard."""
+    return {package: metadata.version(package) for package in RECORDED_PACKAGES}
 
 
 @dataclass(slots=True)
@@ -178,7 +185,7 @@ class StageWriter:
                 item_digests(table, layout.item_column, columns=layout.identity) if layout.item_column else {}
             ),
             inputs=inputs,
-            versions={package: metadata.version(package) for package in RECORDED_PACKAGES},
+            versions=dict(_versions()),
         )
         self.disk.write(ShardRecord.record_name(name), json_bytes(asdict(record)))
         self.disk.write(name, data)

@@ -50,13 +50,13 @@ def test_they_agree_with_the_registration_of_the_real_pair_from_almost_everywher
     real_data, matcher: Trained
 ) -> None:
     agree = []
-    for seed in range(200):
+    for seed in range(60):
         theta, turn_rad = _drawn(seed)
         estimate = matcher.estimator(real_window(real_data, theta, turn_rad=turn_rad))
         assert estimate.theta is not None
         error = pose_difference(estimate.theta, theta).wrapped()
         agree.append(math.hypot(error.x_m, error.y_m) < 0.3 and abs(error.yaw_rad) < math.radians(3.0))
-    assert sum(agree) >= 190
+    assert sum(agree) >= 57
 
 
 def test_they_are_calibrated(matcher: Trained) -> None:
