@@ -9,6 +9,8 @@ OUT ?=
 VENV := .venv
 READY := $(VENV)/.ready
 RENDEZVOUS := $(VENV)/bin/rendezvous
+# In our order, the longest files early; by itself xdist would put files of few tests last, which are these.
+ON_ALL_CORES = -n logical --maxprocesses 8 --dist loadfile --no-loadscope-reorder
 OPTIONS = --preset $(PRESET) --data $(DATA) $(if $(WORKERS),--workers $(WORKERS)) $(foreach item,$(SET),--set $(item))
 
 .DEFAULT_GOAL := help
@@ -38,10 +40,10 @@ evaluate: $(READY)  ## measure relative pose, frame error and fusion on DATA/dat
 
 test: $(READY)  ## all tests, a file on each core at a time
 	@PYTHON=$(PYTHON) .ci/system-packages test
-	$(VENV)/bin/python -m pytest -n logical --maxprocesses 8 --dist loadfile
+	$(VENV)/bin/python -m pytest $(ON_ALL_CORES)
 
 test-fast: $(READY)  ## tests that take seconds
-	$(VENV)/bin/python -m pytest -m "not slow" -n logical --maxprocesses 8 --dist loadfile
+	$(VENV)/bin/python -m pytest -m "not slow" $(ON_ALL_CORES)
 
 check: $(READY)  ## format, lint, types, import contracts
 	$(VENV)/bin/ruff format --check .

@@ -30,6 +30,11 @@ PATIENCE_S = 900.0
 """How long tests wait for what is sure to happen: no machine is that slow."""
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Put the longest file first, so that no core waits for it in the end."""
+    items.sort(key=lambda item: item.path.name != "test_pipeline.py")
+
+
 def wait_until(happened: Callable[[], bool], process: subprocess.Popen | None = None) -> None:
     """Wait for something to happen while `process`, if given, runs."""
     deadline_s = time.monotonic() + PATIENCE_S

@@ -156,6 +156,7 @@ def test_the_example_scripts_run(script, folder):
 def test_a_dataset_of_ones_own_robot_is_made_by_the_example(tmp_path):
     few = ["--set", "floorplans.generate.count=0", "--set", "render.poses_per_plan=1"]
     few += ["--set", "explore.episodes_per_plan=1", "--set", "explore.episode.max_time_s=60"]
+    few += ["--engine", "inline"]
     _run([str(EXAMPLES / "own_robot.py"), *few], tmp_path)
     rows = StageReader(str(tmp_path / "data-courier" / "dataset")).rows(columns=["robot"])
     assert {row["robot"] for row in rows} == {"courier"}

@@ -1,4 +1,4 @@
-"""The command line as a user meets it: in a process of its own."""
+"""The command line as a user meets it: mostly in a process of its own."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from rendezvous.cli.__main__ import main
 from rendezvous.store.verify import verify
 from tests.conftest import ROOT, wait_until
 from tests.toy_stage import folder_content
@@ -26,6 +27,9 @@ def command(*arguments: str) -> list[str]:
 
 def rendezvous(*arguments: str, **options) -> subprocess.CompletedProcess:
     return subprocess.run(command(*arguments), cwd=ROOT, capture_output=True, text=True, **options)
+
+
+INLINE = ("--engine", "inline")
 
 
 def generate(data: Path, *, count: int = 4, more: tuple[str, ...] = ()) -> tuple[str, ...]:
@@ -77,12 +81,21 @@ def test_every_command_explains_itself(name: str):
         (("export", "plan", "x", "--data", "nowhere"), "nowhere/meshes: no manifest.json"),
     ],
 )
-def test_what_the_user_can_fix_is_one_line_and_exit_2(arguments: tuple[str, ...], said: str):
-    shown = rendezvous(*arguments)
-    assert shown.returncode == 2
-    assert shown.stderr.count("\n") == 1
-    assert shown.stderr.startswith("rendezvous: ")
-    assert said in shown.stderr
+def test_what_the_user_can_fix_is_one_line_and_exit_2(
+    arguments: tuple[str, ...],
+    said: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+):
+    monkeypatch.chdir(ROOT)
+    monkeypatch.setattr(sys, "argv", ["rendezvous", *arguments])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    shown = capsys.readouterr().err
+    assert ended.value.code == 2
+    assert shown.count("\n") == 1
+    assert shown.startswith("rendezvous: ")
+    assert said in shown
 
 
 def test_a_bug_keeps_its_traceback(tmp_path: Path):
@@ -96,7 +109,7 @@ def test_a_bug_keeps_its_traceback(tmp_path: Path):
 
 
 def test_verify_says_sound_and_then_names_the_fault(tmp_path: Path):
-    assert rendezvous(*generate(tmp_path)).returncode == 0
+    assert rendezvous(*generate(tmp_path, more=INLINE)).returncode == 0
     shown = rendezvous("verify", str(tmp_path))
     assert (shown.returncode, shown.stdout) == (0, f"{tmp_path}/floorplans: sound\n")
     part = tmp_path / "floorplans" / "part-00002.parquet"
@@ -107,7 +120,7 @@ def test_verify_says_sound_and_then_names_the_fault(tmp_path: Path):
 
 
 def test_verify_goes_on_after_a_damaged_manifest(tmp_path: Path):
-    assert rendezvous(*generate(tmp_path)).returncode == 0
+    assert rendezvous(*generate(tmp_path, more=INLINE)).returncode == 0
     broken = tmp_path / "broken" / "manifest.json"
     broken.parent.mkdir()
     broken.write_text("[")
@@ -153,7 +166,7 @@ def test_ctrl_c_leaves_a_folder_that_the_next_run_completes(tmp_path: Path):
     resumed = rendezvous(*arguments)
     assert resumed.returncode == 0
     assert "30 made" not in resumed.stderr
-    assert rendezvous(*generate(tmp_path / "whole", count=30)).returncode == 0
+    assert rendezvous(*generate(tmp_path / "whole", count=30, more=INLINE)).returncode == 0
     assert folder_content(folder) == folder_content(tmp_path / "whole" / "floorplans")
 
 
