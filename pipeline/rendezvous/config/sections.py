@@ -15,7 +15,7 @@ from rendezvous.floorplan.generate import GeneratorParameters
 from rendezvous.floorplan.validate import FloorplanLimits
 from rendezvous.rendering.draws import PoseDraws
 from rendezvous.store.records import dotted
-from rendezvous.training.parameters import Optimisation, Sampling
+from rendezvous.training.parameters import Budget, Optimisation, Sampling
 from rendezvous.training.relative_pose.sampling import PoseSampling
 
 PositiveInt = Annotated[int, Field(ge=1)]
@@ -127,6 +127,10 @@ class TrainingSection(StageSection):
     validations: PositiveInt  # number of measurements of the averaged weights, evenly over the budget
     checkpoint_every_s: Positive  # most work that a kill can lose
     optimisation: Optimisation  # batches, learning rate, precision
+
+    def budget(self) -> Budget:
+        """When training ends."""
+        return Budget(samples=self.samples, duration_s=None if self.minutes is None else 60.0 * self.minutes)
 
     @model_validator(mode="after")
     def _check_budget(self) -> Self:

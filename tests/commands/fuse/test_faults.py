@@ -121,6 +121,7 @@ def test_python_is_told_of_degrees_too_and_a_turn_is_no_degrees(given: Path, rec
             ConfigError,
             "refine is 'best'; must be one of none, learned, correlative, auto",
         ),
+        ({"out": 5}, ConfigError, "out is 5; must be a folder's name, or None"),
         ({"map1": np.zeros((9, 9))}, MapError, "a map is given as ndarray; must be its YAML file or"),
         (
             {"camera": np.eye(3), "image": "x.png", "relative": None},

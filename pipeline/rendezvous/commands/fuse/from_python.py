@@ -87,12 +87,13 @@ def fuse(
         strict=strict,
         pose_estimator=pose_estimator,
     )
-    if out is not None:
-        require_apart(request, Path(out))
+    folder = None if out is None else _folder(out)
+    if folder is not None:
+        require_apart(request, folder)
     with _threads_kept(request):
         found = fused(request)
-    if out is not None:
-        write_fused(found, Path(out))
+    if folder is not None:
+        write_fused(found, folder)
     for warning in found.warnings:
         warnings.warn(warning, stacklevel=2)
     return found.result
@@ -115,6 +116,15 @@ def _threads_kept(request: FuseRequest) -> Iterator[None]:
         yield
     finally:
         torch.set_num_threads(before)
+
+
+def _folder(out: str | Path) -> Path:
+    try:
+        return Path(out)
+    except TypeError as error:
+        raise ConfigError(
+            f"out is {' '.join(repr(out).split())}; must be a folder's name, or None"
+        ) from error
 
 
 _SIX = "x, y, z [m], roll, pitch, yaw [rad]"

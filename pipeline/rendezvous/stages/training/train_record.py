@@ -21,7 +21,6 @@ from rendezvous.store.disk import Disk
 from rendezvous.store.records import json_bytes
 from rendezvous.training.checkpoint import checkpoint_bytes, weights_bytes
 from rendezvous.training.loop import Model, Processes, Step, TrainableModel, TrainingState
-from rendezvous.training.parameters import Budget
 
 CHECKPOINT, WEIGHTS, CURVE = "checkpoint.safetensors", "weights.safetensors", "curve.json"
 """To resume from; to use; error against training samples."""
@@ -52,13 +51,13 @@ class Recorder(Generic[Model]):
     folder: Path
     about: Mapping[str, Any]
     section: TrainingSection
-    budget: Budget
     validation: Validation[Model]
     processes: Processes
     console: Console
     resumed_samples: int
 
     def __post_init__(self) -> None:
+        self.budget = self.section.budget()
         self._disk, self._model = Disk(str(self.folder)), self.about["model"]
         # A killed run's events after its last checkpoint will come again: TensorBoard drops them.
         purge_step = self.resumed_samples + 1 if self.resumed_samples else None

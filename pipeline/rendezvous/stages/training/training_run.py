@@ -22,7 +22,6 @@ from rendezvous.store.records import digest_of
 from rendezvous.training.batches import AnyBatch, training_loader
 from rendezvous.training.checkpoint import read_checkpoint, restore_in_place
 from rendezvous.training.loop import Model, Processes, TrainingState, fit
-from rendezvous.training.parameters import Budget
 from rendezvous.training.published_rows import PublishedRows, rows_per_split
 
 _DIGITS = 12
@@ -138,13 +137,31 @@ def train_in_folder(
     _begin_in_place(state, Disk(str(folder)), about, resume=resume)
     if processes.first:
         _announce(run, about, section, state, processes, rows=rows)
-    budget = Budget(
-        samples=section.samples, duration_s=None if section.minutes is None else 60.0 * section.minutes
+    recorder = Recorder(
+        folder=folder,
+        about=about,
+        section=section,
+        validation=validation,
+        processes=processes,
+        console=run.console,
+        resumed_samples=state.samples,
     )
+    _train(run, section, state, batches, recorder)
+    return folder
+
+
+def _train(
+    run: Run,
+    section: TrainingSection,
+    state: TrainingState[Model],
+    batches: Callable[..., Dataset[AnyBatch]],
+    recorder: Recorder[Model],
+) -> None:
+    processes, seed = recorder.processes, run.config.seed
     cores = run.workers // processes.on_this_machine
     loader = training_loader(
         batches(
-            seed=run.config.seed,
+            seed=seed,
             batch_size=section.optimisation.batch_size,
             rank=processes.rank,
             processes=processes.count,
@@ -154,28 +171,18 @@ def train_in_folder(
         workers=max(1, cores - 1) if torch.cuda.is_available() else 1,
         pin_memory=processes.device.type == "cuda",
     )
-    with Recorder(
-        folder=folder,
-        about=about,
-        section=section,
-        budget=budget,
-        validation=validation,
-        processes=processes,
-        console=run.console,
-        resumed_samples=state.samples,
-    ) as recorder:
+    with recorder:
         fit(
             state,
             loader,
             section.optimisation,
-            budget,
-            seed=run.config.seed,
+            recorder.budget,
+            seed=seed,
             processes=processes,
             observer=recorder,
             clock=time.monotonic,
         )
         recorder.finish(state)
-    return folder
 
 
 def _announce(
