@@ -44,7 +44,11 @@ class HoughSpectrum:
 
     def __call__(self, window: MapWindow) -> Estimate:
         """The frame error; a failure without walls, without a heading in the range, or if no cells agree."""
-        walls_0, walls_1 = (_wall_centres(cells, window.cell_m) for cells in window.cells)
+        # (P, 2) [m] in v, the centres of the walls' cells.
+        walls_0, walls_1 = (
+            (np.argwhere(cells == OCCUPIED_CELL)[:, ::-1] + 0.5 - 0.5 * len(cells)) * window.cell_m
+            for cells in window.cells
+        )
         for channel, walls_m in enumerate((walls_0, walls_1)):
             if len(walls_m) == 0:
                 return Estimate(theta=None, reason=f"map {channel} has no walls in the window")
@@ -103,12 +107,6 @@ def agreement(window: MapWindow, theta: SE2) -> float:
     undone_1 = affine_transform(cells_1, R_rows_cols, offset, order=0, cval=UNKNOWN_CELL)
     both = (cells_0 != UNKNOWN_CELL) & (undone_1 != UNKNOWN_CELL)
     return float((cells_0 == undone_1)[both].mean()) if both.any() else 0.0
-
-
-def _wall_centres(cells: Cells, cell_m: float) -> Array:
-    """(P, 2) [m] in v."""
-    col_row = np.argwhere(cells == OCCUPIED_CELL)[:, ::-1].astype(np.float64)
-    return (col_row + 0.5 - 0.5 * len(cells)) * cell_m
 
 
 def _profile_shift(moving_m: Array, fixed_m: Array, cell_m: float, limit_m: float) -> float:

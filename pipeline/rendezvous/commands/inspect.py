@@ -104,8 +104,10 @@ def inspect(
     counts = markdown_table(("counted", "number"), [(k, f"{v:,}") for k, v in manifest.counts().items()])
     look = _plans if manifest.stage in ("floorplans", "meshes") else _tables
     images, sections = look(reader, table, selection)
-    pictures = _placed(images, output)
-    for picture, image in pictures.items():
+    if output is not None and len(images) > 1:
+        raise ConfigError(f"--out names one picture; choose --table {' or '.join(images)}")
+    pictures = [output or Path("report") / f"{name}.png" for name in images]
+    for picture, image in zip(pictures, images.values(), strict=True):
         _write(picture, encoded_png(image))
     return Inspection(summary="\n\n".join([counts, *sections]), pictures=tuple(pictures))
 
@@ -138,13 +140,6 @@ def _folders(reader: StageReader) -> dict[ShownTable, str]:
     }
     # `explore` writes one table, and no folder.
     return found or {ShownTable.PAIRS: ""}
-
-
-def _placed(images: dict[str, Image], output: Path | None) -> dict[Path, Image]:
-    """The pictures by the path each is written to."""
-    if output is not None and len(images) > 1:
-        raise ConfigError(f"--out names one picture; choose --table {' or '.join(images)}")
-    return {output or Path("report") / f"{name}.png": image for name, image in images.items()}
 
 
 def _write(picture: Path, png: bytes) -> None:

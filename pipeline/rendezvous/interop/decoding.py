@@ -51,7 +51,7 @@ def decoded(data: bytes, flags: int) -> NDArray[np.uint8 | np.uint16] | None:
 def is_whole(data: bytes) -> bool:
     """Whether a PNG or JPEG is complete; more bytes may follow. True for other formats."""
     if data.startswith(JPEG_START):
-        return _is_whole_jpeg(data)
+        return any(kind == _JPEG_END for kind, _ in _jpeg_segments(data))
     return is_whole_png(data) if data.startswith(PNG_START) else True
 
 
@@ -78,10 +78,6 @@ def jpeg_size(data: bytes) -> tuple[int, int]:
             height, width = struct.unpack_from(">HH", data, at + 3)
             return width, height
     return 0, 0
-
-
-def _is_whole_jpeg(data: bytes) -> bool:
-    return any(kind == _JPEG_END for kind, _ in _jpeg_segments(data))
 
 
 def _jpeg_segments(data: bytes) -> Iterator[tuple[int, int]]:

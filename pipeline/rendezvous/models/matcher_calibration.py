@@ -72,7 +72,8 @@ def fitted(readings: Sequence[CalibrationPair]) -> MatcherCalibration:
     """
     mass_P = np.array([reading.posterior.masses[0] for reading in readings])
     error_P3 = np.array([_error(reading.posterior, reading.theta) for reading in readings])
-    least_mass = least_trusted_mass(mass_P, _wrong(error_P3))
+    wrong_P = (np.hypot(error_P3[:, 0], error_P3[:, 1]) > WRONG_M) | (np.abs(error_P3[:, 2]) > WRONG_RAD)
+    least_mass = least_trusted_mass(mass_P, wrong_P)
     sure = [reading for reading, mass in zip(readings, mass_P, strict=True) if mass >= least_mass]
     if not sure:
         return MatcherCalibration(least_mass=least_mass)
@@ -126,7 +127,3 @@ def most_likely_spread(error_P3: Array, covariance_P33: Array) -> MatcherCalibra
 
 def _error(posterior: RefinedPosterior, theta: SE2) -> Array:
     return pose_difference(posterior.best().mean, theta).as_array()
-
-
-def _wrong(error_P3: Array) -> Mask:
-    return (np.hypot(error_P3[:, 0], error_P3[:, 1]) > WRONG_M) | (np.abs(error_P3[:, 2]) > WRONG_RAD)

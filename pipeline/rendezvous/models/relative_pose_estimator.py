@@ -130,7 +130,7 @@ class RelativePoseEstimator:
         if not places:
             return None
         looked = self.see(image, [self._close_look(*place) for place in places])
-        best = max(looked, key=_likeness)
+        best = max(looked, key=lambda one: max((cuboid.score for cuboid in one.cuboids), default=0.0))
         readings = self.readings([best], sighting)
         again = None if not readings else self._better_look(best.look, readings[0], sighting.camera)
         if again is None and self.looks == 1:
@@ -220,11 +220,6 @@ def first_look(camera: PinholeCamera, focal_px: float) -> Look:
     )
     shift = 0.5 * (scale - 1.0)
     return Look(scale=scale, offset_px=(shift, shift), width_px=width, height_px=height)
-
-
-def _likeness(looked: Looked) -> float:
-    """Belief in the best cuboid of a look."""
-    return max((cuboid.score for cuboid in looked.cuboids), default=0.0)
 
 
 def _shaken(look: Look, count: int) -> list[Look]:

@@ -79,8 +79,13 @@ class RelativePoseNet(nn.Module):
         super().__init__()
         self.config = config
         self.features = _vgg_features(config) if config.features == "vgg19" else _small_features(config)
-        first = [_first_stage(config, out) for out in (BELIEFS, FIELDS)]
-        later = [[_later_stage(config, out) for out in (BELIEFS, FIELDS)] for _ in range(config.stages - 1)]
+        inputs, width = config.feature_channels, config.stage_channels
+        first = [_stage(inputs, width, 4 * width, out, layers=3, kernel=3) for out in (BELIEFS, FIELDS)]
+        seen, layers, kernel = inputs + BELIEFS + FIELDS, config.stage_layers, config.stage_kernel
+        later = [
+            [_stage(seen, width, width, out, layers=layers, kernel=kernel) for out in (BELIEFS, FIELDS)]
+            for _ in range(config.stages - 1)
+        ]
         self.belief_stages = nn.ModuleList([first[0], *(pair[0] for pair in later)])
         self.field_stages = nn.ModuleList([first[1], *(pair[1] for pair in later)])
         self.register_buffer("mean", torch.tensor(VGG_MEAN)[:, None, None], persistent=False)
@@ -163,17 +168,6 @@ def _vgg_features(config: RelativePoseConfig) -> nn.Sequential:
         nn.Conv2d(256, config.feature_channels, 3, padding=1),
         nn.ReLU(inplace=True),
     )
-
-
-def _first_stage(config: RelativePoseConfig, outputs: int) -> nn.Sequential:
-    wide = 4 * config.stage_channels
-    return _stage(config.feature_channels, config.stage_channels, wide, outputs, layers=3, kernel=3)
-
-
-def _later_stage(config: RelativePoseConfig, outputs: int) -> nn.Sequential:
-    width = config.stage_channels
-    inputs = config.feature_channels + BELIEFS + FIELDS
-    return _stage(inputs, width, width, outputs, layers=config.stage_layers, kernel=config.stage_kernel)
 
 
 def _stage(inputs: int, width: int, wide: int, outputs: int, *, layers: int, kernel: int) -> nn.Sequential:

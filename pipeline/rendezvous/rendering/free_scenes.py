@@ -78,7 +78,8 @@ def draw_free(
         "T_w_r1": plain(T_w_r1),
         "background": dict(background_record),
     }
-    record = own | drawn_record(lighting, _surfaces(ground), worn, things, effects)
+    surfaces = {quad.name: {"T_w": plain(quad.T_w), "material": plain(quad.material)} for quad in ground}
+    record = own | drawn_record(lighting, surfaces, worn, things, effects)
     return Drawn(scene=scene, effects=effects, T_w_r1=None if absent else T_w_r1, record=record)
 
 
@@ -137,10 +138,6 @@ def _draw_ground(rng: np.random.Generator, T_w_r1: Array, *, variants: int) -> t
     side_m, material = rng.uniform(1.0, 6.0), materials.any_texture_material(rng, variants)
     T_w = T_w_r1 @ np.diag([side_m, side_m, 1.0, 1.0])
     return (Instance(name="ground", mesh=QUAD, T_w=T_w, material=material),)
-
-
-def _surfaces(ground: tuple[Instance, ...]) -> dict[str, JsonValue]:
-    return {quad.name: {"T_w": plain(quad.T_w), "material": plain(quad.material)} for quad in ground}
 
 
 def _things_around(

@@ -91,10 +91,5 @@ def moved(batch: AnyBatch, device: torch.device) -> AnyBatch:
     return cast(AnyBatch, there)
 
 
-def samples_in(batch: Mapping[str, Any]) -> int:
-    """Number of samples in a batch."""
-    return len(next(iter(batch.values())))
-
-
 def _init_worker(_worker: int) -> None:
     cv2.setNumThreads(0)  # a worker has one core

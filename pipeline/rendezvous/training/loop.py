@@ -17,7 +17,7 @@ from torch.nn.parallel import DistributedDataParallel
 
 from rendezvous.errors import ConfigError
 from rendezvous.seeds import stream
-from rendezvous.training.batches import AnyBatch, moved, samples_in
+from rendezvous.training.batches import AnyBatch, moved
 from rendezvous.training.parameters import Budget, Optimisation
 
 
@@ -185,7 +185,7 @@ def fit(
         _check_finite(shown, float(norm), state.step)
         state.optimizer.step()
         state.step += 1
-        state.samples += samples_in(batch) * processes.count
+        state.samples += len(next(iter(batch.values()))) * processes.count
         state.loss_sum, state.loss_steps = state.loss_sum + shown, state.loss_steps + 1
         update_average(state.average, state.model, step=state.step, decay=optimisation.ema_decay)
         state.elapsed_s = clock() - began_s

@@ -30,7 +30,7 @@ from rendezvous.fusion.refinement import Refinement, Refiner, correlative_refine
 from rendezvous.fusion.system import FusionResult, fuse_maps
 from rendezvous.geometry.camera import PinholeCamera
 from rendezvous.geometry.cuboid import Vec3
-from rendezvous.geometry.se2 import SE2, Array
+from rendezvous.geometry.se2 import SE2
 from rendezvous.pose_estimation.pose_estimate import ImagePoseEstimator, RelativePose
 from rendezvous.robot_file import load_robot
 from rendezvous.simulation.robot import RobotSpec
@@ -163,11 +163,8 @@ def _warn_of_degrees(request: FuseRequest) -> None:
 def _sighting(request: FuseRequest, poses: Sequence[RelativePose]) -> SightedPose:
     if request.T_r0_r1 is None:
         return sighted_pose(poses)
-    return SightedPose.given(request.T_r0_r1, _covariance(request.relative_sigma))
-
-
-def _covariance(sigma: tuple[float, float, float] | None) -> Array | None:
-    return None if sigma is None else np.diag(np.square(sigma))
+    sigma = request.relative_sigma
+    return SightedPose.given(request.T_r0_r1, None if sigma is None else np.diag(np.square(sigma)))
 
 
 def _pose_estimator(

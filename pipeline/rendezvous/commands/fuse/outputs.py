@@ -40,7 +40,6 @@ from rendezvous.evaluation.pictures.fusion import fusion_picture, sighting_pictu
 from rendezvous.fusion.fusion_input import SightedMode
 from rendezvous.fusion.system import FusionResult
 from rendezvous.fusion.verdict import MapAgreement, spread_of
-from rendezvous.geometry.occupancy_grid import OccupancyGrid
 from rendezvous.geometry.se2 import SE2
 from rendezvous.interop.ros_map import map_image_path, ros_map_bytes
 from rendezvous.pose_estimation.pose_estimate import PoseMode, RelativePose
@@ -66,8 +65,9 @@ def write_fused(fused: Fused, out: Path) -> list[Path]:
         StoreError: the folder cannot be written.
     """
     require_apart(fused.request, out)
-    files = _map_files(fused.result.grid)
-    files[_PICTURE] = encoded_png(fusion_picture(fused.meeting, fused.result))
+    image, header = ros_map_bytes(fused.result.grid, _MAP_IMAGE)
+    picture = encoded_png(fusion_picture(fused.meeting, fused.result))
+    files = {_MAP_IMAGE: image, _MAP: header, _PICTURE: picture}
     files |= _sighting_files(fused)
     files[_RECORD] = json_bytes(_plain(record_of(fused, sorted(files))))
     disk = Disk(str(out))
@@ -181,12 +181,6 @@ def summary(result: FusionResult, out: Path) -> str:
     lines.append("seconds: " + ", ".join(f"{name} {value:.2f}" for name, value in seconds.items()))
     lines.append(f"{out / _MAP}, {out / _PICTURE}, {out / _RECORD}")
     return "\n".join(lines)
-
-
-def _map_files(grid: OccupancyGrid) -> dict[str, bytes]:
-    """The map's image and its YAML, the image first."""
-    image, header = ros_map_bytes(grid, _MAP_IMAGE)
-    return {_MAP_IMAGE: image, _MAP: header}
 
 
 def _sighting_files(fused: Fused) -> dict[str, bytes]:

@@ -81,7 +81,8 @@ def augmented(pair: MapPair, parameters: Augmentation, rng: np.random.Generator)
     T_m_m0 = (SE2.identity(), pair.T_m0_m1.inverse())
     if rng.random() < parameters.furniture:
         obstacles = draw_obstacles(pair, count=int(rng.integers(1, parameters.furniture_things + 1)), rng=rng)
-        grids = [with_obstacles(grid, obstacles.seen_by(i), T_m_m0[i]) for i, grid in enumerate(grids)]
+        seen = [tuple(compress(obstacles.obstacles, of_robot)) for of_robot in obstacles.shown.T]
+        grids = [with_obstacles(grid, seen[i], T_m_m0[i]) for i, grid in enumerate(grids)]
     meeting = (pair.T_m0_r1, pair.T_m1_r1)
     grids = [
         _with_defects(grid, T_m_r1, parameters, rng) for grid, T_m_r1 in zip(grids, meeting, strict=True)
@@ -140,10 +141,6 @@ class Obstacles:
 
     obstacles: tuple[Obstacle, ...]
     shown: np.ndarray[tuple[int, int], np.dtype[np.bool_]]
-
-    def seen_by(self, robot: int) -> tuple[Obstacle, ...]:
-        """The obstacles that one robot's map shows."""
-        return tuple(compress(self.obstacles, self.shown[:, robot]))
 
 
 def draw_obstacles(pair: MapPair, *, count: int, rng: np.random.Generator) -> Obstacles:
