@@ -30,8 +30,7 @@ from rendezvous.errors import ConfigError
 from rendezvous.fusion.refinement import FrameErrorPrior, Refiner, correlative_refiner
 from rendezvous.models.table_one import ABLATION_ROWS, PRINTED_HOUGH, AblationRow, PrintedErrors
 
-ENTRY_POINTS = "rendezvous.methods"
-"""The group of entry points by which packages add methods."""
+ENTRY_POINTS = "rendezvous.methods"  # the group of entry points by which packages add methods
 
 _OWN_COLOURS = ("#8c6d31", "#5b5f97", "#b5485d", "#3f7d5c", "#a0522d")
 
@@ -48,8 +47,7 @@ class Method:
     takes_search: bool = True  # whether the factory has the parameter `search`
     model: str = ""  # whose weights a network needs; '' for a method without weights
     row: AblationRow | None = None  # the row of the paper's ablation that this is
-    # Errors in the paper; None for a method that the paper does not have.
-    printed: PrintedErrors | None = None
+    printed: PrintedErrors | None = None  # errors in the paper; None for a method it does not have
     shipped: bool = True  # False for a method that a user added
 
     @property
@@ -162,8 +160,7 @@ class RefinementMethod:
 
     name: str  # as options and `metrics.json` spell it
     title: str  # as tables spell it
-    # Gives the estimator; None for no refinement, and where the matcher is used.
-    refiner: Refiner | None = None
+    refiner: Refiner | None = None  # gives the estimator; None for no refinement, and for the matcher
     needs_matcher: bool = False  # whether it uses the learned matcher's weights
     # Whether it differs from another only by using the relative pose's covariance, which the true relative
     # pose does not have.

@@ -71,8 +71,7 @@ def plan_of(row: Mapping[str, Any]) -> Floorplan:
     )
 
 
-PLAN_COLUMNS = tuple(column.name for column in _PLAN)
-"""The columns that `plan_of` reads."""
+PLAN_COLUMNS = tuple(column.name for column in _PLAN)  # the columns that `plan_of` reads
 
 
 def solid_rows(solids: Sequence[Solid]) -> list[dict[str, Any]]:

@@ -11,8 +11,7 @@ _PACKAGE = Path(__file__).parent
 _CARRIED = _PACKAGE / "shipped"
 
 IN_CHECKOUT = not _CARRIED.is_dir()
-ROOT = _PACKAGE.parents[1] if IN_CHECKOUT else _CARRIED
-"""Folder of `stages.yaml`, `assets/` and `floorplans/`."""
+ROOT = _PACKAGE.parents[1] if IN_CHECKOUT else _CARRIED  # of `stages.yaml`, `assets/` and `floorplans/`
 
 ROBOTS = ROOT / "assets" / "robots"
 WEIGHTS = ROOT / "assets" / "weights"

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from pytest import approx
 
-from rendezvous.exploration import goals as goals_module
+from rendezvous.exploration import explorer as explorer_module
 from rendezvous.exploration.explorer import Explorer
 from rendezvous.exploration.frontier import reach
 from rendezvous.exploration.records import ExplorerParameters
@@ -39,6 +39,6 @@ def test_paths_keep_the_robots_own_radius_and_a_margin(
         clearances_m.append((hard_clearance_m, soft_clearance_m))
         return reach(*args, hard_clearance_m=hard_clearance_m, soft_clearance_m=soft_clearance_m)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(goals_module, "reach", recorded)
+    monkeypatch.setattr(explorer_module, "reach", recorded)
     started(replace(burger(), radius_m=radius_m)).twist()
     assert clearances_m == [approx((radius_m + 0.045, radius_m + 0.195))]

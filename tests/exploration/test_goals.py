@@ -6,8 +6,7 @@ from typing import Any
 import numpy as np
 from pytest import approx
 
-from rendezvous.exploration.explorer import _keeps_clear, _pursued
-from rendezvous.exploration.goals import Goals
+from rendezvous.exploration.explorer import Goals, _keeps_clear, _pursued
 from rendezvous.exploration.records import ExplorerParameters
 from rendezvous.geometry.se2 import SE2, Array
 from rendezvous.slam.mapping import MappingParameters

@@ -9,8 +9,7 @@ from typing import ClassVar, Protocol
 from rendezvous.alignment.window import MapWindow
 from rendezvous.geometry.se2 import SE2, Array
 
-WRONG_M, WRONG_RAD = 0.5, math.radians(5.0)
-"""An estimate further from the truth than either would spoil the fused map."""
+WRONG_M, WRONG_RAD = 0.5, math.radians(5.0)  # an error above either would spoil the fused map
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -42,8 +42,7 @@ class Correlation:
     cell_m: float  # side of a cell [m]
     field_0: Field  # (S0, S0) field of map 0, mirrored and padded with 0
     walls_1: list[Points]  # per heading, (P, 2) row, col into field_0 of map 1's walls turned by -ψ, mirrored
-    # (H, R1, C1) field of map 1 turned by -ψ, as far as shifts take map 0's walls, padded with 0.
-    fields_1: Field
+    fields_1: Field  # (H, R1, C1) field of map 1 turned by -ψ, padded with 0 as far as map 0's walls shift
     walls_0: Points  # (P, 2) row, col into fields_1 of map 0's walls
 
     def scores(self, heading: int, row: int, col: int, rows: int, cols: int) -> Scores:

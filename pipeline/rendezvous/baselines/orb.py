@@ -22,8 +22,7 @@ from rendezvous.alignment.window import MapWindow
 from rendezvous.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN
 from rendezvous.geometry.se2 import SE2, Array
 
-_GREYS = np.array([UNKNOWN, FREE, OCCUPIED], np.uint8)
-"""A window's cell values in the greys of ROS map_server."""
+_GREYS = np.array([UNKNOWN, FREE, OCCUPIED], np.uint8)  # a window's cell values in map_server's greys
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

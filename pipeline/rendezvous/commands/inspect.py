@@ -25,8 +25,7 @@ from rendezvous.schema import PAIRS, POSES, VIEWS, TableSchema
 from rendezvous.seeds import stream
 from rendezvous.store.read import StageReader
 
-Looked = tuple[dict[str, Image], list[str]]
-"""Pictures by name, and sections of figures in Markdown."""
+Looked = tuple[dict[str, Image], list[str]]  # pictures by name, and sections of figures in Markdown
 
 
 class Order(StrEnum):

@@ -65,8 +65,7 @@ class MeshesSection(StageSection):
 
     wall_height_m: Positive  # height of the walls
     robot: str  # a shipped robot or a robot file; the MJCF has two of them
-    # The example furniture: 0 none, 1 moderate, 2 crowded.
-    furniture_density: Annotated[float, Field(ge=0, le=3)]
+    furniture_density: Annotated[float, Field(ge=0, le=3)]  # of the examples: 0 none, 1 moderate, 2 crowded
     plans_per_shard: PositiveInt  # at most; a shard never spans two of `floorplans`
 
 
@@ -85,13 +84,11 @@ class ExploreSection(StageSection):
 class RenderSection(StageSection):
     """Which images are rendered, and how training images are drawn; the robots are those of `explore`."""
 
-    # At most; a shard never spans two of `explore` (training images: of `meshes`).
-    plans_per_shard: PositiveInt
+    plans_per_shard: PositiveInt  # at most; a shard never spans two of `explore` (in training: of `meshes`)
     views: bool  # whether to take the picture of each sighting
     poses_per_plan: Annotated[int, Field(ge=0)]  # training images in each plan
     poses_per_furnishing: PositiveInt  # consecutive training images with the same furniture
-    # In training images: 0 none, 1 moderate, 2 crowded.
-    furniture_density: Annotated[float, Field(ge=0, le=3)]
+    furniture_density: Annotated[float, Field(ge=0, le=3)]  # in training: 0 none, 1 moderate, 2 crowded
     texture_variants: Annotated[int, Field(ge=1, le=16)]  # textures of each kind (wood, cloth, ...)
     # Of the images; null for PNG, lossless and four times the size.
     jpeg_quality: Annotated[int, Field(ge=1, le=100)] | None

@@ -23,8 +23,7 @@ class Sighting:
 
     range_m: float  # from the camera to the centre of the cuboid
     bearing_rad: float  # from the observer's heading to that centre, left positive
-    # Share of the cuboid's sample points that are in the image with nothing before them.
-    visible_fraction: float
+    visible_fraction: float  # share of the cuboid's sample points in the image with nothing before them
 
 
 def cuboid_samples(cuboid: Cuboid) -> Array:

@@ -20,8 +20,7 @@ from rendezvous.seeds import stream
 ATTEMPTS = 50  # layouts drawn before giving up; a few per cent of them fail
 SHIPPED_KINDS = ("apartment", "office", "apartment", "hall", "office", "apartment")
 
-ALL_REACHABLE = FloorplanLimits(min_reachable_share=0.97)
-"""Stricter than for other plans: no generated room may be shut."""
+ALL_REACHABLE = FloorplanLimits(min_reachable_share=0.97)  # no generated room may be shut
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -37,8 +36,7 @@ class GeneratorParameters:
     wall_thickness_m: tuple[float, float] = (0.08, 0.3)
     door_width_m: tuple[float, float] = (0.7, 1.2)  # clear width of doors; archways are wider
     slanted_share: float = 0.4  # share of plans with slanted walls
-    # Probability of a door beyond those that connect all rooms, per pair of neighbours.
-    loop_share: float = 0.25
+    loop_share: float = 0.25  # probability of a door beyond those that connect all rooms, per two neighbours
     niche_share: float = 0.35  # probability of a pilaster, shaft or window bay, per room
 
     def __post_init__(self) -> None:

@@ -104,8 +104,7 @@ class Solid:
         return self.T_w_s() @ (signs * (self.half_x_m, self.half_y_m))
 
 
-DRIVE_UNDER_M = 0.4
-"""A part that starts this high leaves room for a robot beneath; everything else stands on the floor."""
+DRIVE_UNDER_M = 0.4  # a part that starts this high leaves room for a robot beneath; others stand on the floor
 
 
 class Part(NamedTuple):

@@ -23,8 +23,7 @@ from rendezvous.geometry.se2 import Array
 
 CELL_M = 0.05
 MARGIN_CELLS = 5  # cells around the plan, so that a step out through a wall stays on the grid
-WALL_SLACK_CELLS = 0.7
-"""A piece may reach this far into a cell that a wall touches; exact polygons decide in the end."""
+WALL_SLACK_CELLS = 0.7  # a piece may reach this far into a cell that a wall touches; polygons decide
 STEERING_M = 0.065  # room to steer, between a solid and the robot
 DOOR_CLEARANCE_M = 0.7  # nothing stands this close to the middle of a doorway
 MAX_POCKET_M2 = 0.3  # largest area that a piece of furniture may cut off, besides its own footprint

@@ -15,16 +15,13 @@ from rendezvous.errors import FloorplanError, require_within
 from rendezvous.floorplan.records import Floorplan
 from rendezvous.geometry.se2 import Array
 
-PRECISION_M = 0.001
-"""Vertices lie on this grid, so that a plan written to a file and read again is the same plan."""
+PRECISION_M = 0.001  # vertices lie on this grid, so that a plan written and read again is the same
 RASTER_STEP_M = 0.01
 """HouseExpo's outlines were traced on pixels of this size; a vertex closer to a straight line is noise."""
 JOINT_M = 0.01  # half the side of the square that joins two walls which meet in a point
 HALF_DOORS_M = (0.6, 0.75, 0.9)  # half widths of the openings that separate rooms: doors, then archways
-FARTHEST_M = 10_000.0
-"""Plans lie within this distance of the origin, where GLB's 32 bits resolve a millimetre."""
-START_MARGIN_M = 0.145
-"""A robot in a start region is this far from the walls, to within 4 cm where the walls have corners."""
+FARTHEST_M = 10_000.0  # from the origin, at most: there GLB's 32 bits resolve a millimetre
+START_MARGIN_M = 0.145  # from a start region to the walls, to within 4 cm where they have corners
 PASSAGE_MARGIN_M = 0.03  # a robot passes an opening if it is wider than its diameter by twice this
 
 

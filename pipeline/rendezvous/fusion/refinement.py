@@ -163,8 +163,7 @@ def matcher_refiner(matcher: MatcherEstimator, *, with_prior: bool) -> Refiner:
 WINDOW_TURN_RAD = math.radians(22.5)
 """Drawn into a window along its own cells, all of a map's walls move the same way, by up to half a cell. In a
 window turned by this much, each moves its own way, which halves the error of the estimate."""
-EDGE_M, EDGE_RAD = 0.1, math.radians(1.0)
-"""An estimate this close to the edge of its search may lie beyond it."""
+EDGE_M, EDGE_RAD = 0.1, math.radians(1.0)  # this close to its search's edge, an estimate may lie beyond
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -30,8 +30,7 @@ from rendezvous.fusion.verdict import (
 from rendezvous.geometry.occupancy_grid import OccupancyGrid, overlap
 from rendezvous.geometry.se2 import SE2, Array
 
-Part = Callable[[str], AbstractContextManager[object]]
-"""Wraps each part of the work, given its name; the caller may time it."""
+Part = Callable[[str], AbstractContextManager[object]]  # wraps a part of the work by name, to time it
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

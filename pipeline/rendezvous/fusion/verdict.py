@@ -105,18 +105,15 @@ def _conflicts(grid_a: OccupancyGrid, grid_b: OccupancyGrid, T_b_a: SE2) -> tupl
 
 
 AROUND_ROBOT_M = 0.25  # a map knows at least something this close to its robot: the floor that it stands on
-LEAST_SCORE = 0.5
-"""A detection that scores less is as likely something else: the score is calibrated as a probability."""
-LEAST_BEST_MASS = 0.9
-"""Without refinement, the best mode of a sighting must be this probable: a wrong one spoils the map."""
+LEAST_SCORE = 0.5  # a detection below is likelier something else: scores are calibrated probabilities
+LEAST_BEST_MASS = 0.9  # needed of a sighting's best mode without refinement: a wrong one spoils the map
 VERDICT_SIGMAS = 2.0
 """One error in twenty exceeds two standard deviations; an error of that size must not make the estimate
 wrong."""
 SURPRISING = 0.999
 """An estimate this improbable by the sighting means that one of them is wrong: by chance it happens once
 in a thousand."""
-LEAST_COMPARED = 30
-"""Occupied cells (of 5 cm: 1.5 m of wall in either map) below which agreement proves nothing."""
+LEAST_COMPARED = 30  # fewer occupied cells (of 5 cm: 1.5 m of wall in either map) prove nothing
 LEAST_WALL_SHARE = 0.6
 """Correctly refined maps of validation pairs agree on more of the walls that they share: 0.77 and up."""
 MOST_CONFLICTS = 0.08

@@ -34,14 +34,11 @@ from rendezvous.rendering.robot_model import part_material
 
 MM_PER_M = 1000.0
 
-NO_BOX = [-1, -1, -1, -1]
-"""The toolkit's box of an object that is not visible."""
+NO_BOX = [-1, -1, -1, -1]  # the toolkit's box of an object that is not visible
 
-TARGET_VISIBILITY = 0.1
-"""The benchmark's targets are objects with at least this visible share."""
+TARGET_VISIBILITY = 0.1  # the benchmark's targets are objects with at least this visible share
 
-Images = Mapping[int, PoseLabel]
-"""Labels by image number."""
+Images = Mapping[int, PoseLabel]  # labels by image number
 
 
 def camera_document(camera: PinholeCamera) -> dict[str, Any]:

@@ -36,8 +36,7 @@ COEFFICIENT_COUNTS = {
 _STRAIGHT_MODELS = ("none", "pinhole", "perspective", "brown_conrady", "inverse_brown_conrady", "radtan")
 """What drivers call a lens whose coefficients are all 0; with others, these models are not OpenCV's."""
 
-_PADDED_COUNTS = (5, 8, 12, 14)
-"""Lengths to which drivers pad the coefficients with zeros: those of OpenCV's models."""
+_PADDED_COUNTS = (5, 8, 12, 14)  # of OpenCV's models: drivers pad the coefficients with zeros
 
 RIGHT = "a camera calibration of ROS (image_width, image_height, camera_matrix, distortion_coefficients)"
 

@@ -27,8 +27,7 @@ from rendezvous.interop.pose_label import PoseLabel
 
 CM_PER_M = 100.0
 
-ABSENT_PX = -100.0
-"""Both coordinates of a point to be ignored; DOPE's loader uses the same value for hidden objects."""
+ABSENT_PX = -100.0  # both coordinates of a point to be ignored, as of hidden objects in DOPE's loader
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -7,8 +7,7 @@ import os
 import stat
 from pathlib import Path
 
-MOST_BYTES = 1 << 30
-"""Larger than any map or image: 10,000 x 10,000 numbers in plain text take less."""
+MOST_BYTES = 1 << 30  # larger than any map or image: 10,000 x 10,000 numbers in plain text take less
 
 
 def given_bytes(path: Path, *, most_bytes: int = MOST_BYTES) -> bytes:

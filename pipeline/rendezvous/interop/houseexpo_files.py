@@ -18,8 +18,7 @@ from typing import Any
 from rendezvous.errors import ConfigError, FloorplanError
 from rendezvous.resources import located
 
-LARGEST_PLAN_BYTES = 16_000_000
-"""HouseExpo's largest plan has 0.2 MB; what is larger than this is not read into memory."""
+LARGEST_PLAN_BYTES = 16_000_000  # larger files are not read; HouseExpo's largest plan has 0.2 MB
 
 _GZIP_MAGIC = b"\x1f\x8b"
 _CHUNK_BYTES = 1 << 20

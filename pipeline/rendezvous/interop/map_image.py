@@ -23,8 +23,7 @@ from rendezvous.errors import MapError
 from rendezvous.interop.decoding import JPEG_START, PNG_START, decoded, is_whole, jpeg_size
 from rendezvous.interop.given_file import given_bytes
 
-MAX_PIXELS = 100_000_000
-"""Largest image of a map, in any format: 10,000 x 10,000 pixels, 500 m x 500 m at 0.05 m."""
+MAX_PIXELS = 100_000_000  # of a map's image, in any format: 10,000 x 10,000, 500 m x 500 m at 0.05 m
 
 Grey = NDArray[np.uint8 | np.uint16]
 

@@ -15,8 +15,7 @@ import math
 import torch
 from torch import Tensor
 
-SMALL_TURN_RAD = 0.05
-"""Below it the fractions are taken from their Taylor series; the omitted terms are under 2e-16."""
+SMALL_TURN_RAD = 0.05  # below it fractions are Taylor series; the omitted terms are under 2e-16
 
 
 def exp(xi_B3: Tensor) -> Tensor:

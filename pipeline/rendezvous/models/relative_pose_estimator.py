@@ -54,8 +54,7 @@ class Looked:
     look: Look  # the part of the image
     belief_9hw: Maps = field(repr=False)  # belief maps
     peaks: Peaks = field(repr=False)  # their maxima
-    # Peaks that belong together, the one with the most belief first.
-    cuboids: list[DetectedCuboid] = field(repr=False)
+    cuboids: list[DetectedCuboid] = field(repr=False)  # peaks of one cuboid, the most believed first
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

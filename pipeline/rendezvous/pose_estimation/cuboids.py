@@ -16,8 +16,7 @@ LARGEST_ANGLE_RAD = 0.5
 """Largest angle between a corner's vector and the direction to its centroid; DOPE's value."""
 NEAR_CELLS = 1.0
 """Corners closer than this to a centroid may belong to it at any angle: the direction is unreliable there."""
-LEAST_CORNERS = 4
-"""Fewest corners that make up a cuboid without a centroid."""
+LEAST_CORNERS = 4  # fewest corners that make up a cuboid without a centroid
 
 Indices = NDArray[np.int64]
 

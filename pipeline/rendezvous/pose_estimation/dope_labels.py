@@ -26,8 +26,7 @@ from rendezvous.geometry.se2 import Array
 
 Maps = NDArray[np.float32]
 
-FIELD_RADIUS_CELLS = 1
-"""Radius of the official vector fields' discs: a vertex's cell and its four neighbours."""
+FIELD_RADIUS_CELLS = 1  # radius of the official vector fields' discs: a vertex's cell and its four neighbours
 
 
 def belief_maps(uv_px: Array, *, width_px: int, height_px: int, stride_px: int, sigma_cells: float) -> Maps:

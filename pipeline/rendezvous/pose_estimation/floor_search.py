@@ -23,8 +23,7 @@ from rendezvous.pose_estimation.peaks import Peaks
 HEADINGS = 72
 DISTANCES_M = tuple(float(d) for d in np.geomspace(0.2, 8.0, 64))
 ANCHORS = 18
-_BASE = 0.02
-"""Belief where a map is zero."""
+_BASE = 0.02  # belief where a map is zero
 _KEPT = 12
 _APART_HEADING_RAD, _APART_SHARE = 0.3, 0.12
 """Poses closer than this in heading and position count as one; the position's limit is a share of the

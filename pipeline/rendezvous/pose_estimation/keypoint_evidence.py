@@ -21,8 +21,7 @@ from rendezvous.geometry.se2 import Array
 from rendezvous.pose_estimation.look import STRIDE_PX, Look
 from rendezvous.pose_estimation.peaks import MOST_PER_CHANNEL, Peaks
 
-_SUREST = 0.98
-"""Upper limit on the total probability of a map's peaks: a network sometimes errs."""
+_SUREST = 0.98  # upper limit on the total probability of a map's peaks: a network sometimes errs
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

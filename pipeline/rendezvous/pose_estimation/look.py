@@ -15,8 +15,7 @@ import numpy as np
 from rendezvous.geometry.camera import Image
 from rendezvous.geometry.se2 import Array
 
-STRIDE_PX = 8
-"""Input pixels along a cell of the belief maps, as in DOPE."""
+STRIDE_PX = 8  # input pixels along a cell of the belief maps, as in DOPE
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

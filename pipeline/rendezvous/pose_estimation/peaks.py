@@ -11,8 +11,7 @@ from rendezvous.compiled import njit
 from rendezvous.geometry.se2 import Array
 from rendezvous.pose_estimation.dope_labels import Maps
 
-LEAST_HEIGHT = 0.05
-"""Peaks below this are noise."""
+LEAST_HEIGHT = 0.05  # peaks below this are noise
 MOST_PER_CHANNEL = 4
 _REACH_CELLS = 2
 _WIDTH = 0.7

@@ -21,8 +21,7 @@ from rendezvous.geometry.se2 import SE2, Array
 from rendezvous.pose_estimation.cuboid_pose import Reading
 from rendezvous.pose_estimation.keypoint_evidence import KeypointNoise
 
-LEAST_READING_MASS = 0.01
-"""Readings less probable than this are dropped."""
+LEAST_READING_MASS = 0.01  # readings less probable than this are dropped
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -27,8 +27,7 @@ from rendezvous.pose_estimation.pose_calibration import PoseCalibration, score_f
 SAME_M, SAME_SHARE = 0.3, 0.15
 """A reading is of the robot itself if it is within one of these distances; the latter is relative to the
 robot's distance."""
-SAME_READING_RAD = 0.25 * np.pi
-"""A reading whose heading is off by more confused the robot's sides."""
+SAME_READING_RAD = 0.25 * np.pi  # a reading whose heading is off by more confused the robot's sides
 FALSE_SHARE = 0.005
 """Share of images without the robot in which one may be found: half of what is required, as few images
 decide it."""

@@ -11,8 +11,7 @@ from rendezvous.errors import ConfigError, require_within
 class PoseDraws:
     """How training images are drawn."""
 
-    # Share of images on the floor of a furnished room; the others are fully randomised.
-    plausible_share: float = 0.5
+    plausible_share: float = 0.5  # share on the floor of a furnished room; others are fully randomised
     absent_share: float = 0.05  # share of images without the robot
     occluded_share: float = 0.35  # share of images with an object placed in front of the robot
     shadow_share: float = 0.25  # share of images with a lamp that casts shadows

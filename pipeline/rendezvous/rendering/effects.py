@@ -21,12 +21,9 @@ Floats = NDArray[np.float32]
 Words = NDArray[np.uint32]
 
 WHITE_K = 6504.0
-METERED = 0.24
-"""Mean linear brightness targeted by the automatic exposure."""
-MAX_GAIN = 3.0
-"""The automatic exposure changes brightness by at most this factor, up or down."""
-CODES = 4096
-"""Levels of linear light that the sensor distinguishes before its output is coded as sRGB."""
+METERED = 0.24  # mean linear brightness targeted by the automatic exposure
+MAX_GAIN = 3.0  # the automatic exposure changes brightness by at most this factor, up or down
+CODES = 4096  # levels of linear light that the sensor distinguishes before its output is coded as sRGB
 
 _LINEAR: Floats = linear_from_srgb(np.arange(256) / 255.0).astype(np.float32)
 _CODED: Image = np.round(255.0 * srgb_from_linear(np.arange(CODES) / (CODES - 1.0))).astype(np.uint8)
@@ -41,8 +38,7 @@ class CameraEffects:
     saturation: float = 1.0  # 0 for grey, 1 for unchanged
     contrast: float = 1.0  # slope of the tone curve about middle grey
     vignetting: float = 0.0  # share of light lost in the image's corners
-    # Standard deviation of noise at full brightness 1; grows with the root of the light.
-    shot_noise: float = 0.0
+    shot_noise: float = 0.0  # its standard deviation at full brightness 1; grows with the root of the light
     read_noise: float = 0.0  # standard deviation of noise in darkness, on the same scale
     # motion_blur_px, motion_blur_rad: length and direction of a point's path during exposure.
     motion_blur_px: float = 0.0

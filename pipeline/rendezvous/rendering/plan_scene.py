@@ -18,10 +18,8 @@ from rendezvous.rendering.viewpoints import FurnishedPlan
 BOX, CYLINDER, QUAD, WALL = "box", "cylinder", "quad", "wall"
 CYLINDER_SECTIONS = 32
 MARGIN_M = 1.0
-ACCENT_SHARE = 1.0 / 7.0
-"""Share of walls that differ from the others."""
-LEAVES_HEIGHT = 0.88
-"""Height of the unit mesh of leaves."""
+ACCENT_SHARE = 1.0 / 7.0  # share of walls that differ from the others
+LEAVES_HEIGHT = 0.88  # height of the unit mesh of leaves
 
 MaterialOf = Callable[[str, int], Material]
 """Material of a part of a category ("floor", "ceiling", "wall", "table", ...).

@@ -28,11 +28,9 @@ from rendezvous.rendering.scene import Instance, Material, MeshPool, Scene
 from rendezvous.rendering.viewpoints import FurnishedPlan, RobotPoses, draw_robot_poses
 from rendezvous.simulation.robot import Cuboid, RobotSpec
 
-ROBOT = "r1"
-"""Name of the labelled robot in scenes."""
+ROBOT = "r1"  # name of the labelled robot in scenes
 
-VIEW_M = 4.5
-"""Small things farther away than this are not drawn."""
+VIEW_M = 4.5  # small things farther away than this are not drawn
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -40,8 +38,7 @@ class RobotLooks:
     """The labelled robot."""
 
     spec: RobotSpec  # its dimensions
-    # Material of each part as built, by mesh key; meshes are in the robot's frame.
-    parts: Mapping[str, Material]
+    parts: Mapping[str, Material]  # material of each part as built, by mesh key; meshes are in r
 
     def instances(self, T_w_r1: Array, worn: Mapping[str, Material]) -> tuple[Instance, ...]:
         """Its parts at a pose (4, 4) in these materials."""
@@ -78,8 +75,7 @@ class Drawn:
     effects: CameraEffects  # the camera's effects on the picture
     T_w_r1: Array | None  # (4, 4) pose of the labelled robot; None if it is absent
     record: Mapping[str, JsonValue]  # everything that was drawn, as plain JSON
-    # (4, 4) pose of the camera on the robot that carries it, if drawn; otherwise None.
-    T_r0_c: Array | None = None
+    T_r0_c: Array | None = None  # (4, 4) pose of the camera on its robot, if drawn; otherwise None
 
     def T_c_o(self, cuboid: Cuboid) -> Array | None:
         """(4, 4) pose of the labelled robot's cuboid in the camera; None if it is absent."""

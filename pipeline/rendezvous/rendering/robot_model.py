@@ -23,8 +23,7 @@ from rendezvous.geometry.se2 import Array
 from rendezvous.rendering.scene import Material
 from rendezvous.simulation.robot import Cuboid
 
-CREASE_RAD = np.radians(35.0)
-"""Faces that meet at a larger angle keep a sharp edge."""
+CREASE_RAD = np.radians(35.0)  # faces that meet at a larger angle keep a sharp edge
 
 INSIDE_TOLERANCE_M = 1e-4
 LEAST_FILLED = 0.5

@@ -22,13 +22,11 @@ Rgb = tuple[float, float, float]
 MeshPool = Mapping[str, tuple[trimesh.Trimesh, ...]]
 """Meshes by key, in parts of one material each; UVs, if a part has any, count repeats of a texture."""
 
-TexturePool = Mapping[str, Image]
-"""Textures by key: (H, W, 3) uint8, sRGB, tiling without a seam."""
+TexturePool = Mapping[str, Image]  # textures by key: (H, W, 3) uint8, sRGB, tiling without a seam
 
 MAX_LIGHTS, MAX_SHADOWS = 8, 2
 
-NO_INSTANCE = -1
-"""Id of pixels that show the background."""
+NO_INSTANCE = -1  # id of pixels that show the background
 
 
 class LightKind(StrEnum):
@@ -128,8 +126,7 @@ class Rendering:
     """A picture and what its pixels show."""
 
     rgb: Image  # (H, W, 3) uint8, sRGB
-    # (H, W) int32, index into the scene's instances; NO_INSTANCE for the background.
-    instance_ids: NDArray[np.int32]
+    instance_ids: NDArray[np.int32]  # (H, W) index into the scene's instances; NO_INSTANCE for the background
     depth_m: NDArray[np.float32]  # (H, W) float32 [m] along the camera's axis; inf for the background
 
 

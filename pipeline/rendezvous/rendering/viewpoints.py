@@ -18,8 +18,7 @@ from rendezvous.simulation.robot import RobotSpec
 
 BATCH = 256
 DRAWS = 60
-LOW_M = 0.3
-"""Solids that start below this occupy the floor; those above, like a table top, leave room underneath."""
+LOW_M = 0.3  # solids that start lower occupy the floor; others, as a table top, leave room underneath
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -33,11 +33,9 @@ from rendezvous.store.tables import Layout, column_types
 
 VERSION = 1
 LAYOUT = Layout(item_column="plan_id", identity=PLAN_COLUMNS)
-REASONS_SHOWN = 10
-"""Reasons for leaving plans out that are printed; the manifest holds all."""
+REASONS_SHOWN = 10  # reasons for leaving plans out that are printed; the manifest holds all
 
-Judge = Callable[[Floorplan], Floorplan]
-"""Gives the plan repaired, or raises `FloorplanError`."""
+Judge = Callable[[Floorplan], Floorplan]  # gives the plan repaired, or raises `FloorplanError`
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

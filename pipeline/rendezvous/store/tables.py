@@ -17,8 +17,7 @@ import pyarrow.parquet as pq
 class Layout:
     """How a stage's tables are stored in Parquet files."""
 
-    # Column with the id of each row's item; None if no stage reads item by item.
-    item_column: str | None = None
+    item_column: str | None = None  # with the id of each row's item; None if no stage reads item by item
     # Columns that an item's digest covers; all by default. Derived columns (GLB) stay out, so that a new
     # exporter does not make the stages that follow stale.
     identity: tuple[str, ...] | None = None

@@ -17,8 +17,7 @@ class Sampling:
 
     perturbation: PerturbationRange = field(default_factory=PerturbationRange)  # the range of frame errors
     augmentation: Augmentation = field(default_factory=Augmentation)  # defects of the maps
-    # Share of samples without the robots' positions and sight: a model must do without, too.
-    sight_withheld: float = 0.3
+    sight_withheld: float = 0.3  # share of samples without the robots' positions and sight
     # window_cells, window_cell_m: cells along a side of the window, and their side.
     window_cells: int = WINDOW_CELLS
     window_cell_m: float = WINDOW_CELL_M
@@ -38,8 +37,7 @@ class Optimisation:
     weight_decay: float = 0.02  # of weights; biases and gains of norms have none
     clip_norm: float = 1.0  # largest norm of the gradient
     ema_decay: float = 0.998  # of the moving average of the weights, which is validated and published
-    # Of the forward pass: bfloat16 where that is safe, or float32.
-    precision: Literal["bf16", "fp32"] = "bf16"
+    precision: Literal["bf16", "fp32"] = "bf16"  # of the forward pass: bfloat16 where safe, or float32
 
     def __post_init__(self) -> None:
         require_within(

@@ -23,8 +23,7 @@ from rendezvous.geometry.camera import PinholeCamera
 from rendezvous.geometry.cuboid import Vec3
 from rendezvous.interop.dope_json import CM_PER_M, dope_json
 
-CROP_PX = 400
-"""DOPE's loader cuts a square of this side out of every image."""
+CROP_PX = 400  # DOPE's loader cuts a square of this side out of every image
 
 
 @dataclass(slots=True, kw_only=True)
@@ -35,8 +34,7 @@ class DopeExport:
     images: int = 0  # number of images
     # Number of images that show each kind of robot; the kinds are DOPE's classes.
     seen: Counter[str] = field(default_factory=Counter)
-    # Sides of each kind's cuboid along the axes of o.
-    cuboids_m: dict[str, Vec3] = field(default_factory=dict)
+    cuboids_m: dict[str, Vec3] = field(default_factory=dict)  # each kind's cuboid: sides along the axes of o
     camera: PinholeCamera | None = None  # camera of the first image
 
     def summary(self) -> str:

@@ -17,8 +17,7 @@ from rendezvous.errors import StoreError
 
 BATCH_IMAGES = 64
 
-LARGEST_COUNT = 10**6
-"""Names have six digits."""
+LARGEST_COUNT = 10**6  # names have six digits
 
 _NUMBERED = re.compile(r"(\d{6})\.(png|json)")
 

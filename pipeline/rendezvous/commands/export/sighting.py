@@ -30,8 +30,7 @@ _COLUMNS = (
     *("T_r0_r1_true", "K", "image_width_px", "image_height_px", "T_r0_c", "image"),
 )
 _COMMAND = "command.txt"
-WHOLE = 0.95
-"""Visibility above which a robot counts as completely visible."""
+WHOLE = 0.95  # visibility above which a robot counts as completely visible
 
 
 def export_sighting(dataset: str, pair_id: str | None, out: Path) -> str:

@@ -12,11 +12,9 @@ Refine = Literal["none", "learned", "correlative", "auto"]
 Merge = Literal["occupied", "probabilistic"]
 REFINEMENTS, MERGINGS = get_args(Refine), get_args(Merge)
 
-LARGEST_SIGMA = 1000.0
-"""A pose with a larger standard deviation [m, m, rad] is not known at all."""
+LARGEST_SIGMA = 1000.0  # a pose with a larger standard deviation [m, m, rad] is not known at all
 
-AS_IN_PYTHON: Callable[[str], str] = str
-"""Spells an argument's name in messages."""
+AS_IN_PYTHON: Callable[[str], str] = str  # spells an argument's name in messages
 
 
 def require_one_sighting(

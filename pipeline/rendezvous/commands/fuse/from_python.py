@@ -18,8 +18,7 @@ from rendezvous.fusion.system import FusionResult
 from rendezvous.geometry.se2 import SE2, Array
 from rendezvous.pose_estimation.pose_estimate import ImagePoseEstimator
 
-PoseLike = SE2 | Sequence[float] | Array
-"""x [m], y [m], yaw [rad]."""
+PoseLike = SE2 | Sequence[float] | Array  # x [m], y [m], yaw [rad]
 
 
 def fuse(

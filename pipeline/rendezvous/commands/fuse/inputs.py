@@ -24,8 +24,7 @@ MapLike = str | Path | OccupancyGrid
 ImageLike = str | Path | Image
 CameraLike = str | Path | CameraInfo | PinholeCamera
 
-FOCAL_SHARES = 0.1, 20.0
-"""Focal lengths of real lenses / the image's side: fields of view from 157° to 3°."""
+FOCAL_SHARES = 0.1, 20.0  # focal lengths of real lenses / the image's side: fields of view from 157° to 3°
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,17 +1,17 @@
-"""Colour science: sRGB's transfer curve, and the colour of black bodies."""
+"""Colour: sRGB's transfer curve, the colour of black bodies, and palettes of things in rooms."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from rendezvous.geometry.se2 import Array
+from rendezvous.rendering.appearance.noise import Field
 
 # Linear sRGB of CIE XYZ (IEC 61966-2-1).
 _RGB_OF_XYZ: Array = np.array(
     [[3.2406, -1.5372, -0.4986], [-0.9689, 1.8758, 0.0415], [0.0557, -0.2040, 1.0570]]
 )
-LUMINANCE: Array = np.array([0.2126, 0.7152, 0.0722])
-"""Weights of linear red, green and blue in luminance."""
+LUMINANCE: Array = np.array([0.2126, 0.7152, 0.0722])  # weights of linear red, green and blue in luminance
 
 
 def linear_from_srgb(coded: Array) -> Array:
@@ -43,3 +43,43 @@ def blackbody_rgb(temperature_k: float) -> Array:
     rgb = np.maximum(_RGB_OF_XYZ @ np.array([x / y, 1.0, (1.0 - x - y) / y]), 0.0)
     unit: Array = rgb / (LUMINANCE @ rgb)
     return unit
+
+
+Palette = tuple[tuple[int, int, int], ...]
+
+WOODS: Palette = (
+    (190, 150, 104),
+    (112, 76, 48),
+    (212, 178, 130),
+    (146, 88, 56),
+    (160, 148, 134),
+    (74, 54, 44),
+)
+STONES: Palette = (
+    (206, 200, 190),
+    (176, 172, 166),
+    (222, 218, 210),
+    (120, 118, 116),
+    (198, 180, 156),
+    (84, 88, 92),
+)
+BRICKS: Palette = ((156, 82, 62), (176, 104, 76), (132, 70, 58), (200, 180, 158), (150, 140, 132))
+BINDINGS: Palette = (
+    (122, 44, 38),
+    (44, 58, 92),
+    (52, 84, 62),
+    (196, 180, 150),
+    (62, 58, 56),
+    (168, 120, 58),
+    (222, 220, 212),
+    (90, 62, 44),
+    (70, 110, 130),
+    (186, 76, 48),
+)
+
+
+def pick_colour(rng: np.random.Generator, palette: Palette) -> Field:
+    """(3,) uniform from the palette; brightness normal with 7 %, each channel with another 1.5 %."""
+    colour = np.array(palette[rng.integers(len(palette))], np.float32) / 255.0
+    scale = rng.normal(1.0, 0.07) * rng.normal(1.0, 0.015, size=3)
+    return np.clip(colour * scale.astype(np.float32), 0.02, 0.98)

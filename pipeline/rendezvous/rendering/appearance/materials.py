@@ -13,8 +13,7 @@ import numpy as np
 
 from rendezvous.floorplan.records import Shape, Solid
 from rendezvous.geometry.se2 import Array
-from rendezvous.rendering.appearance.colour import linear_from_srgb
-from rendezvous.rendering.appearance.palettes import WOODS
+from rendezvous.rendering.appearance.colour import WOODS, linear_from_srgb
 from rendezvous.rendering.appearance.textures import KINDS, texture_key
 from rendezvous.rendering.scene import Material, Rgb
 
@@ -22,8 +21,7 @@ Draw = Callable[[np.random.Generator, int], Material]
 """Draws a material; the int is the texture pool's number of variants of each kind."""
 
 WHITE: Rgb = (1.0, 1.0, 1.0)
-LEG_M = 0.06
-"""Cylinders up to this radius are legs."""
+LEG_M = 0.06  # cylinders up to this radius are legs
 
 
 def linear_rgb(srgb: Sequence[float] | Array) -> Rgb:

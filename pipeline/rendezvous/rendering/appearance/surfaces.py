@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from rendezvous.rendering.appearance.colour import BINDINGS, BRICKS, STONES, WOODS, pick_colour
 from rendezvous.rendering.appearance.noise import Field, relief, smooth_noise
-from rendezvous.rendering.appearance.palettes import BINDINGS, BRICKS, STONES, WOODS, pick_colour
 
 
 def _axes(size_px: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

@@ -41,19 +41,16 @@ if TYPE_CHECKING:
     from rendezvous.rendering.opengl.passes import DrawCall
     from rendezvous.rendering.opengl.resident import Float32
 
-NEAR_M, FAR_M = 0.02, 60.0
-"""Only what is between these distances from the camera is drawn."""
+NEAR_M, FAR_M = 0.02, 60.0  # only what is between these distances from the camera is drawn
 
 SHADOW_AHEAD_M, SHADOW_HALF_M = 2.2, 3.2
 """Shadows of parallel light fall in a box of this half width, centred this far ahead of the camera."""
 
 SHADOW_DEPTH_M = 20.0
 
-CANVAS_MARGIN = 2
-"""Silhouettes are counted up to this many image sizes beyond each edge of the image."""
+CANVAS_MARGIN = 2  # silhouettes are counted up to this many image sizes beyond each edge of the image
 
-CREASE = 2e-6
-"""Second difference of buffer depth above which a pixel is on a crease; depth has steps of 6e-8."""
+CREASE = 2e-6  # second difference of buffer depth above which a pixel is on a crease; depth has steps of 6e-8
 
 
 class Renderer:

@@ -16,11 +16,9 @@ from rendezvous.geometry.camera import Image
 from rendezvous.rendering.robot_model import part_material
 from rendezvous.rendering.scene import Material, MeshPool, TexturePool
 
-TEXTURE_PX = 512
-"""All textures are resized to this, so that one array holds them and nothing is bound between draws."""
+TEXTURE_PX = 512  # all textures' side: one array holds them, and nothing is bound between draws
 
-_ATTRIBUTE_SIZES = (3, 3, 2, 3)
-"""Position, normal, UV, linear colour."""
+_ATTRIBUTE_SIZES = (3, 3, 2, 3)  # position, normal, UV, linear colour
 
 Float32 = NDArray[np.float32]
 

@@ -8,8 +8,7 @@ from rendezvous.rendering.scene import MAX_LIGHTS, MAX_SHADOWS
 
 ROW_TEXELS = 5
 SHADOW_PX = 1024
-EDGE_SAMPLES = 2
-"""Samples across and down a pixel on an edge, against aliasing."""
+EDGE_SAMPLES = 2  # samples across and down a pixel on an edge, against aliasing
 
 _HEADER = "#version 330 core\n"
 

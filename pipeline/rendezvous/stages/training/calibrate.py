@@ -24,8 +24,7 @@ from rendezvous.training.frame_error.pairs import (
     read_pairs,
 )
 
-PAIRS = 400
-"""Enough, spread evenly over the validation split, to measure a coverage to within three points."""
+PAIRS = 400  # enough, spread evenly over the validation split, to measure a coverage to within three points
 _SPLIT = "validation"
 LEAST_PAIRS = 20
 

@@ -25,10 +25,8 @@ from rendezvous.store.disk import Disk
 from rendezvous.store.read import StageReader
 from rendezvous.training.checkpoint import read_checkpoint, with_record
 
-IMAGES = 600
-"""Enough, drawn at random from the validation split, to measure a coverage to within two points."""
-LEAST_ROWS = 20
-"""Fewest images in which the robot must be found."""
+IMAGES = 600  # enough, drawn at random from the validation split, to measure a coverage to within two points
+LEAST_ROWS = 20  # fewest images in which the robot must be found
 LEAST_VISIBILITY = 0.3
 """An image that shows the robot, but less of it, counts neither as with the robot nor as without."""
 _SPLIT = "validation"

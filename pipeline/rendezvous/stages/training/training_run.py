@@ -24,8 +24,7 @@ from rendezvous.training.checkpoint import read_checkpoint, restore_in_place
 from rendezvous.training.loop import Model, Processes, TrainingState, fit
 from rendezvous.training.published_rows import PublishedRows, rows_per_split
 
-_DIGITS = 12
-"""Length to which digests are cut in messages and records."""
+_DIGITS = 12  # length to which digests are cut in messages and records
 _MAY_CHANGE = (
     "minutes",
     "samples",

@@ -31,8 +31,7 @@ from rendezvous.training.frame_error.defects import (
 )
 from rendezvous.training.frame_error.pairs import MapPair
 
-_IN_BOTH = 0.7
-"""Share of obstacles that stand in both maps; the others were moved between the two visits."""
+_IN_BOTH = 0.7  # share of obstacles that stand in both maps; the others were moved between the two visits
 
 _ROBOT_RADIUS_M = 0.15
 _SUBPIXEL_BITS = 4

@@ -155,11 +155,9 @@ Flags = NDArray[np.bool_]
 
 _FAR_M = 12.0
 
-_MARGIN_M = 2.0
-"""How far beyond the map rays may leave traces."""
+_MARGIN_M = 2.0  # how far beyond the map rays may leave traces
 
-_HIT_BEYOND = 0.3
-"""Share of the rays through a wall that end at an obstacle behind it."""
+_HIT_BEYOND = 0.3  # share of the rays through a wall that end at an obstacle behind it
 
 
 def rescanned(grid: OccupancyGrid, rng: np.random.Generator) -> OccupancyGrid:

@@ -36,8 +36,7 @@ from rendezvous.training.parameters import Sampling
 DEFAULT_MODEL = "matcher"
 PAPER_ROWS: dict[str, AblationRow] = {row.name: row for row in ABLATION_ROWS}
 MODEL_NAMES = (DEFAULT_MODEL, *PAPER_ROWS)
-_FIXED = ("vit", "lie", "cell_m")
-"""Fields of the configs that follow from the model's name and from the window."""
+_FIXED = ("vit", "lie", "cell_m")  # of the configs, following from the model's name and the window
 
 
 def build_model(name: str, settings: Mapping[str, Any], sampling: Sampling, *, seed: int) -> FrameErrorModel:

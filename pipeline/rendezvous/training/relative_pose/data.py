@@ -27,8 +27,7 @@ from rendezvous.training.relative_pose.poses import PoseImage, PoseTable
 from rendezvous.training.relative_pose.sampling import PoseSampling, augmented_image
 
 _TRIES = 20
-_MARGIN = 0.1
-"""Distance that a look elsewhere keeps from the cuboid's points, as a share of the robot's span."""
+_MARGIN = 0.1  # distance that a look elsewhere keeps from the cuboid's points, as a share of the robot's span
 
 
 def span_px(uv_px: Array) -> float:

@@ -16,8 +16,7 @@ from rendezvous.geometry.camera import Image
 from rendezvous.geometry.se2 import Array
 from rendezvous.pose_estimation.look import STRIDE_PX
 
-_ANYWHERE = 0.3
-"""Share of patches that lie anywhere rather than on the robot."""
+_ANYWHERE = 0.3  # share of patches that lie anywhere rather than on the robot
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -20,8 +20,7 @@ from rendezvous.training.relative_pose.data import PoseSample, pose_batch
 from rendezvous.training.relative_pose.model import PoseModel
 from rendezvous.training.relative_pose.sampling import PoseSampling
 
-LEAST_HEIGHT = 0.2
-"""Height of a peak that counts as found; the target's is about 1."""
+LEAST_HEIGHT = 0.2  # height of a peak that counts as found; the target's is about 1
 _AT_ONCE = 32
 _SHOWN = 12
 _CENTROID = 8
