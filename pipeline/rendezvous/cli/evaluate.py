@@ -12,6 +12,7 @@ from rendezvous.errors import ConfigError, needs_extra
 from rendezvous.resources import IN_CHECKOUT
 
 Split = Annotated[str, typer.Option("--split", help="train, validation or test.")]
+Count = Annotated[int | None, typer.Option("--count", min=1, help="At most this many; all by default.")]
 Report = Annotated[Path, typer.Option("--report", help="Folder of index.html, metrics.json.")]
 Record = Annotated[bool, typer.Option("--record", help="Keep the figures for later reports, in --records.")]
 Records = Annotated[
@@ -75,9 +76,7 @@ def evaluate_pose(
 def evaluate(
     data: Data = "data",
     split: Split = "test",
-    count: Annotated[
-        int | None, typer.Option("--count", min=1, help="At most this many pairs; all by default.")
-    ] = None,
+    count: Count = None,
     methods: Annotated[
         str, typer.Option("--methods", help="identity,correlative,...; all that can run by default.")
     ] = "",
@@ -124,9 +123,7 @@ def evaluate(
 def evaluate_fusion(
     data: Data = "data",
     split: Split = "test",
-    count: Annotated[
-        int | None, typer.Option("--count", min=1, help="At most this many rendezvous; all by default.")
-    ] = None,
+    count: Count = None,
     methods: Annotated[
         str, typer.Option("--methods", help="none,hough,orb,correlative,learned,auto; all by default.")
     ] = "",

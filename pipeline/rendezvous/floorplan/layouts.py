@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
@@ -98,10 +98,9 @@ def tapered(layout: Storey, rng: np.random.Generator) -> Storey:
         relative = xy_m - centre
         return centre + relative / (1.0 + k * relative[:, 0 if along_x else 1])[:, None]
 
-    return Storey(
+    return replace(
+        layout,
         cells=[shapely.transform(cell, taper) for cell in layout.cells],
-        categories=layout.categories,
-        hub=layout.hub,
         posts=[shapely.transform(post, taper) for post in layout.posts],
     )
 

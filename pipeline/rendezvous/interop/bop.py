@@ -30,6 +30,7 @@ from rendezvous.errors import PipelineError
 from rendezvous.geometry.camera import PinholeCamera
 from rendezvous.geometry.se2 import Array
 from rendezvous.interop.pose_label import Box, PoseLabel
+from rendezvous.rendering.appearance.colour import srgb_from_linear
 from rendezvous.rendering.robot_model import part_material
 
 MM_PER_M = 1000.0
@@ -164,7 +165,13 @@ def model_ply(parts: Mapping[str, trimesh.Trimesh], T_r_o: Array) -> bytes:
     normals = np.concatenate([np.asarray(part.vertex_normals) for part in parts.values()]) @ T_r_o[:3, :3]
     for name, values in zip(("x", "y", "z", "nx", "ny", "nz"), (*xyz_mm.T, *normals.T), strict=True):
         vertices[name] = values
-    colours = [np.tile(_srgb(part_material(p).base_colour_rgb), (len(p.vertices), 1)) for p in parts.values()]
+    colours = [
+        np.tile(
+            np.round(255.0 * srgb_from_linear(np.array(part_material(p).base_colour_rgb))),
+            (len(p.vertices), 1),
+        )
+        for p in parts.values()
+    ]
     for name, values in zip(_COLOURS, np.concatenate(colours).T, strict=True):
         vertices[name] = values
     starts = np.cumsum([0, *(len(part.vertices) for part in parts.values())])
@@ -182,12 +189,6 @@ def _ply_header(vertices: int, faces: int) -> bytes:
     lines += [f"property uchar {name}" for name in _COLOURS]
     lines += [f"element face {faces}", "property list uchar int vertex_indices", "end_header"]
     return ("\n".join(lines) + "\n").encode()
-
-
-def _srgb(linear_rgb: Sequence[float]) -> Array:
-    """(3,) 0..255 of linear 0..1 (IEC 61966-2-1)."""
-    c = np.asarray(linear_rgb, np.float64)
-    return np.round(255.0 * np.where(c <= 0.0031308, 12.92 * c, 1.055 * c ** (1 / 2.4) - 0.055))
 
 
 def bop_json(document: Mapping[str, Any] | Sequence[Any]) -> bytes:

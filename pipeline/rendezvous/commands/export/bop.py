@@ -111,9 +111,7 @@ def export_bop(
         check_room(_scene(out, part) / "rgb", min(count, part.rows))
     first = next(splits[0].images())
     model = _model(first, robot)
-    vertices = model_vertices(model.parts, model.T_r1_o)
-    write_file(out / "models" / f"obj_{OBJ_ID:06d}.ply", model_ply(model.parts, model.T_r1_o))
-    write_file(out / "models" / "models_info.json", bop_json(models_info_document({OBJ_ID: vertices})))
+    _write_model(out, model)
     write_file(out / "camera.json", bop_json(camera_document(first.label.camera)))
     labels = {
         _SPLIT_FOLDERS[part.split]: _write_scene(_scene(out, part), part, count, model, console)
@@ -155,6 +153,12 @@ def _model(image: LabelledImage, robot: str | None) -> _Model:
     parts = robot_parts(load_robot_model(robot or image.robot), source=f"model of {robot or image.robot}")
     check_inside_cuboid(parts, spec.cuboid, robot=spec.name)
     return _Model(robot=image.robot, T_r1_o=image.T_r1_o, cuboid_size_m=size_m, parts=parts)
+
+
+def _write_model(out: Path, model: _Model) -> None:
+    vertices = model_vertices(model.parts, model.T_r1_o)
+    write_file(out / "models" / f"obj_{OBJ_ID:06d}.ply", model_ply(model.parts, model.T_r1_o))
+    write_file(out / "models" / "models_info.json", bop_json(models_info_document({OBJ_ID: vertices})))
 
 
 def _write_scene(
