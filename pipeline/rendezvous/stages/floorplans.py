@@ -40,20 +40,14 @@ Judge = Callable[[Floorplan], Floorplan]  # gives the plan repaired, or raises `
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Candidate:
-    """A floor plan that may be usable.
+    """A floor plan that may be usable."""
 
-    `name` is its file, or its id if it is generated; `digest` the file's SHA-256, '' for a generated
-    plan, which parameters and seed determine. No two plans may share one of the `keys` (id and geometry);
-    an earlier, usable candidate that does is `same_as`. `load` gives the plan, or raises
-    `FloorplanError`.
-    """
-
-    name: str
+    name: str  # its file, or its id if it is generated
     origin: str
-    digest: str
-    load: Callable[[], Floorplan]
-    keys: tuple[str, ...]
-    same_as: str = ""
+    digest: str  # SHA-256 of the file; '' for a generated plan, which parameters and seed determine
+    load: Callable[[], Floorplan]  # gives the plan, or raises `FloorplanError`
+    keys: tuple[str, ...]  # its id and geometry, none of which two plans may share
+    same_as: str = ""  # an earlier, usable candidate that shares one
 
 
 def floorplans(run: Run) -> Manifest:

@@ -27,13 +27,10 @@ class Item:
 
 @dataclass(frozen=True, slots=True)
 class StageReader:
-    """One stage's output. It is small to pickle: workers read what their shards need.
-
-    `stage` names the command that makes it, for messages.
-    """
+    """One stage's output. It is small to pickle: workers read what their shards need."""
 
     root: str
-    stage: str | None = None
+    stage: str | None = None  # names the command that makes it, for messages
 
     def manifest(self) -> Manifest:
         """The stage's manifest.

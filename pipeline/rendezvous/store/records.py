@@ -26,13 +26,10 @@ class Quarantined:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Shard:
-    """What a stage makes from a shard's items.
-
-    The manifest holds the sums of all shards' `counts`, such as those of "episodes" and "pairs".
-    """
+    """What a stage makes from a shard's items."""
 
     table: pa.Table
-    counts: Mapping[str, int] = field(default_factory=dict)
+    counts: Mapping[str, int] = field(default_factory=dict)  # as of "pairs"; the manifest sums them
     quarantined: tuple[Quarantined, ...] = ()
 
 

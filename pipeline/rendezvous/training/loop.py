@@ -23,14 +23,11 @@ from rendezvous.training.parameters import Budget, Optimisation
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CurvePoint(ABC):
-    """A point of the training curve; each kind of model adds its own errors.
-
-    `elapsed_s` includes validation, `training_loss` is the mean since the last point.
-    """
+    """A point of the training curve; each kind of model adds its own errors."""
 
     samples: int
-    elapsed_s: float
-    training_loss: float
+    elapsed_s: float  # validation included
+    training_loss: float  # mean since the last point
     validation_loss: float
 
     def as_dict(self) -> dict[str, float | None]:
@@ -43,12 +40,9 @@ class CurvePoint(ABC):
 
 
 class TrainableModel(nn.Module, ABC, Generic[AnyBatch]):
-    """A network and its loss.
+    """A network and its loss."""
 
-    `suitable_learning_rate` is the highest at which it learns well in batches of about ten.
-    """
-
-    suitable_learning_rate: ClassVar[float]
+    suitable_learning_rate: ClassVar[float]  # the highest at which it learns well in batches of about ten
     point: ClassVar[type[CurvePoint]]
 
     @abstractmethod
@@ -62,15 +56,11 @@ class TrainableModel(nn.Module, ABC, Generic[AnyBatch]):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Processes:
-    """This process among those that train together.
+    """This process among those that train together."""
 
-    Process 0, the first, validates, saves and reports. `on_this_machine` of the `count` processes share
-    this machine's cores; with a `count` above 1 the group of `torch.distributed` has been joined.
-    """
-
-    rank: int = 0
-    count: int = 1
-    on_this_machine: int = 1
+    rank: int = 0  # 0 for the first, which validates, saves and reports
+    count: int = 1  # above 1, the group of `torch.distributed` has been joined
+    on_this_machine: int = 1  # how many of them share this machine's cores
     device: torch.device = field(default_factory=lambda: torch.device("cpu"))
 
     @property
@@ -102,10 +92,7 @@ Model = TypeVar("Model", bound=TrainableModel[Any])
 
 @dataclass(slots=True, kw_only=True)
 class TrainingState(Generic[Model]):
-    """Everything that changes during training, and that a run needs to resume.
-
-    Progress counts over all processes; `loss_sum` and `loss_steps` since the last point of the curve.
-    """
+    """Everything that changes during training, and that a run needs to resume; over all processes."""
 
     model: Model
     average: Model
@@ -113,7 +100,7 @@ class TrainingState(Generic[Model]):
     step: int = 0
     samples: int = 0
     elapsed_s: float = 0.0
-    loss_sum: float = 0.0
+    loss_sum: float = 0.0  # since the last point of the curve, as `loss_steps`
     loss_steps: int = 0
     curve: list[CurvePoint] = field(default_factory=list)
 
@@ -126,17 +113,13 @@ class TrainingState(Generic[Model]):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Step:
-    """Result of one step.
+    """Result of one step."""
 
-    `loss` is the mean over all processes, `gradient_norm` taken before clipping, `spent` the share of the
-    budget that was spent before.
-    """
-
-    loss: float
+    loss: float  # mean over all processes
     figures: dict[str, float]
-    gradient_norm: float
+    gradient_norm: float  # before clipping
     learning_rate: float
-    spent: float
+    spent: float  # share of the budget that was spent before
 
 
 class Observer(Protocol[Model]):

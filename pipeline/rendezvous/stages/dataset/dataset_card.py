@@ -31,13 +31,9 @@ _IN_ARCHIVE = re.compile(r"^(.+?\.(?:tar|tar\.gz|tgz)):.*", re.DOTALL)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Contents:
-    """The published tables, as far as the card needs them.
+    """The published tables with their rows' places, as far as the card needs them; None without rows."""
 
-    All have their rows' places; `sightings` and `poses` also their `split`. None for a table without
-    rows.
-    """
-
-    sightings: pa.Table
+    sightings: pa.Table  # with their `split`, as are `poses`
     views: pa.Table | None
     poses: pa.Table | None
 

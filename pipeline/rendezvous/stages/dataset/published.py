@@ -21,13 +21,10 @@ _VIEW_COLUMNS = tuple(column.name for column in VIEWS.columns if column.name not
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PackedPlan:
-    """A floor plan's rows of one published table.
-
-    `view` has the rows that `render` adds to `item`'s; None if there are none.
-    """
+    """A floor plan's rows of one published table."""
 
     item: Item
-    view: Item | None = None
+    view: Item | None = None  # the rows that `render` adds to the item's; None if there are none
     rows: int
     split: str
 

@@ -18,17 +18,13 @@ from rendezvous.simulation.robot import RobotSpec
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EpisodeScene:
-    """The place of an episode, and its robots.
-
-    `furniture` are rows of `SOLIDS_TYPE`, `lidar_segments_m` (E, 4) the outlines in w of all that the
-    lidar sees, `starts` the true start poses, which are the map frames.
-    """
+    """The place of an episode, and its robots."""
 
     plan: Floorplan
-    furniture: Sequence[Mapping[str, Any]]
+    furniture: Sequence[Mapping[str, Any]]  # rows of `SOLIDS_TYPE`
     density: float
-    lidar_segments_m: Array
-    starts: tuple[SE2, SE2]
+    lidar_segments_m: Array  # (E, 4) the outlines in w of all that the lidar sees
+    starts: tuple[SE2, SE2]  # the true start poses, which are the map frames
     robot: RobotSpec
     drive: str
 

@@ -39,22 +39,17 @@ _NEEDED = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SeenImage:
-    """One image.
-
-    `encoded` is JPEG or PNG, `T_r0_c` (4, 4) the camera's pose by the robot's file, `T_r1_o` (4, 4) the
-    pose of robot 1's cuboid on it, `T_c_o` (4, 4) the true one in the camera, `box_px` (4,) the box
-    around its visible pixels; None if there are none.
-    """
+    """One image."""
 
     truth: ImageTruth
-    encoded: bytes = field(repr=False)
+    encoded: bytes = field(repr=False)  # JPEG or PNG
     camera: PinholeCamera
-    T_r0_c: Array
+    T_r0_c: Array  # (4, 4) the camera's pose by the robot's file
     cuboid_size_m: tuple[float, float, float]
-    T_r1_o: Array
-    box_px: Array | None
+    T_r1_o: Array  # (4, 4) the pose of robot 1's cuboid on it
+    box_px: Array | None  # (4,) the box around its visible pixels; None if there are none
     plan_digest: str
-    T_c_o: Array | None = None
+    T_c_o: Array | None = None  # (4, 4) the cuboid's true pose in the camera
 
     def pixels(self) -> Image:
         """(H, W, 3) uint8 red, green, blue.

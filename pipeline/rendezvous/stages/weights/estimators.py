@@ -30,14 +30,11 @@ CURVE = "curve.json"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SelectedMethod:
-    """A method that is to be used, with all it needs.
-
-    `weights` is the file of a network's weights; None for a method without.
-    """
+    """A method that is to be used, with all it needs."""
 
     method: Method
     search: SearchRange
-    weights: Path | None = None
+    weights: Path | None = None  # file of a network's weights; None for a method without
 
     @property
     def name(self) -> str:

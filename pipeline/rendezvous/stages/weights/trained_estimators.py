@@ -39,14 +39,13 @@ from rendezvous.training.relative_pose.model import POSE_MODEL, PoseModel
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Trained:
-    """A trained method.
-
-    `attention` gives that over a window's patches, (P, P); None for a network without it.
-    """
+    """A trained method."""
 
     estimator: FrameErrorEstimator
     record: Mapping[str, Any]
-    attention: Callable[[MapWindow], Array] | None
+    attention: (
+        Callable[[MapWindow], Array] | None
+    )  # over a window's patches, (P, P); None for a network without
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

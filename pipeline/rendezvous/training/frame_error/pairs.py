@@ -140,14 +140,11 @@ class Perturbation:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PerturbedPair:
-    """A pair under a wrong map transform, as an estimator sees it, and the truth.
-
-    `theta_v` is the true frame error in v, `T_estimated` the wrong `T_m0_m1`.
-    """
+    """A pair under a wrong map transform, as an estimator sees it, and the truth."""
 
     window: MapWindow
-    theta_v: SE2
-    T_estimated: SE2
+    theta_v: SE2  # the true frame error in v
+    T_estimated: SE2  # the wrong `T_m0_m1`
     T_m0_v: SE2
 
 

@@ -103,13 +103,10 @@ class PoseBatch(TypedDict):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PoseSample:
-    """One input.
-
-    `uv_px` (9, 2) are the cuboid's points in the input; NaN in an input without the robot.
-    """
+    """One input."""
 
     image: Image
-    uv_px: Array
+    uv_px: Array  # (9, 2) the cuboid's points in the input; NaN in an input without the robot
     close: bool
 
     @property

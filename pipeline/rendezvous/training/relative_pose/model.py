@@ -20,17 +20,12 @@ _FEATURES = "features."
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PosePoint(CurvePoint):
-    """A point of the curve of a pose network; distances in pixels of its input.
+    """A point of the curve of a pose network; distances in pixels of its input."""
 
-    `keypoints_found` is the share of the keypoints in close looks whose belief map has a peak, distances
-    are from those peaks to the keypoints (None if none is found), `false_peaks` is the share of looks
-    without the robot that show a centroid.
-    """
-
-    keypoints_found: float
-    mean_distance_px: float | None
+    keypoints_found: float  # share of the keypoints in close looks whose belief map has a peak
+    mean_distance_px: float | None  # from those peaks to the keypoints; None if none is found
     median_distance_px: float | None
-    false_peaks: float
+    false_peaks: float  # share of looks without the robot that show a centroid
 
     def summary(self) -> str:
         found = f"{100.0 * self.keypoints_found:.1f} % of keypoints found"

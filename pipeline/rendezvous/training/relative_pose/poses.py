@@ -25,27 +25,20 @@ COLUMNS = ("pose_id", "plan_digest", "seed", "mode", "image", *_ROBOT, *_LABEL)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SeenRobotKind:
-    """The robot that the images show.
-
-    `size_m` are the sides of its cuboid along the axes of o, `T_r1_o` (4, 4) is the cuboid's pose on it.
-    """
+    """The robot that the images show."""
 
     name: str
-    size_m: Vec3
-    T_r1_o: tuple[tuple[float, ...], ...]
+    size_m: Vec3  # sides of its cuboid along the axes of o
+    T_r1_o: tuple[tuple[float, ...], ...]  # (4, 4) the cuboid's pose on it
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PoseImage:
-    """One image with its labels.
-
-    `uv_px` (9, 2) are the cuboid's points in DOPE's order; NaN where the robot is absent or a point is
-    behind the camera.
-    """
+    """One image with its labels."""
 
     pose_id: str
     image: Image
-    uv_px: Array
+    uv_px: Array  # (9, 2) the cuboid's points in DOPE's order; NaN if absent or behind the camera
     visibility: float
 
 
