@@ -45,10 +45,8 @@ class HoughSpectrum:
     def __call__(self, window: MapWindow) -> Estimate:
         """The frame error; a failure without walls, without a heading in the range, or if no cells agree."""
         # (P, 2) [m] in v, the centres of the walls' cells.
-        walls_0, walls_1 = (
-            (np.argwhere(cells == OCCUPIED_CELL)[:, ::-1] + 0.5 - 0.5 * len(cells)) * window.cell_m
-            for cells in window.cells
-        )
+        walls = (np.argwhere(cells == OCCUPIED_CELL)[:, ::-1].astype(np.float64) for cells in window.cells)
+        walls_0, walls_1 = ((wall + 0.5 - 0.5 * window.cells.shape[-1]) * window.cell_m for wall in walls)
         for channel, walls_m in enumerate((walls_0, walls_1)):
             if len(walls_m) == 0:
                 return Estimate(theta=None, reason=f"map {channel} has no walls in the window")
