@@ -386,3 +386,23 @@ def test_a_name_that_a_locale_garbled_is_told_with_what_helps(monkeypatch, encod
     with pytest.raises(StoreError, match=r"is not UTF-8; must name a folder in it") as caught:
         Disk("data-\udcc3\udcbc").names()
     assert str(caught.value).endswith("; names are taken for ascii: PYTHONUTF8=1 helps") is told
+
+
+@pytest.mark.parametrize(
+    ("changes", "only_items"),
+    [
+        ({}, True),
+        ({"seed": None}, True),
+        ({"seed": 1}, False),
+        ({"version": 2}, False),
+        ({"columns": {"x": "double"}}, False),
+        ({"parameters": {"a": 2}}, False),
+        ({"parameters": {"b": 2}}, True),
+        ({"items": {"p": "0"}}, False),
+    ],
+)
+def test_a_shard_of_other_items_is_one_that_all_else_is_the_same_for(changes: dict, only_items: bool):
+    old = Inputs(parameters={"a": 1}, items={"p": "0"}, seed=0)
+    new = replace(old, **({"items": {"q": "1"}} | changes))
+    assert old.differs_in_items_only(new) is only_items
+    assert new.differs_in_items_only(old) is only_items
