@@ -53,6 +53,16 @@ def test_a_relative_pose_leaves_its_error_at_the_meeting_point(pair, off, positi
     assert not right.refined
 
 
+def test_the_verdict_and_its_reasons_are_those_of_the_fusion(pair):
+    right, wrong = (
+        run_rendezvous(pair, TRUTH, read_as(mode(TRUTH @ off, sigma=0.01)), {"none": None})
+        for off in (SE2.identity(), SE2(2.0, 1.0, 0.7))
+    )
+    assert (right[(ESTIMATED, "none")].accepted, right[(ESTIMATED, "none")].reasons) == (True, ())
+    assert not wrong[(ESTIMATED, "none")].accepted
+    assert wrong[(ESTIMATED, "none")].reasons
+
+
 def test_maps_mend_a_wrong_relative_pose(pair):
     read = read_as(mode(TRUTH @ SE2(0.2, -0.2, 0.1), sigma=0.2))
     found = run_rendezvous(pair, TRUTH, read, {"none": None, "correlative": correlative_refiner})
