@@ -42,6 +42,22 @@ def trained(
     return losses.losses
 
 
+def test_each_step_has_its_own_random_numbers_and_the_same_ones_again(pairs: PairTable, monkeypatch):
+    """Dropout draws from them: a run that goes on draws what an undisturbed one does."""
+    draws: list[float] = []
+    loss = type(tiny_model()).loss
+
+    def drawing(model, batch):
+        draws.append(float(torch.rand(1)))
+        return loss(model, batch)
+
+    monkeypatch.setattr(type(tiny_model()), "loss", drawing)
+    for _ in range(2):
+        trained(pairs, TrainingState.fresh(tiny_model(), SETTINGS))
+    assert draws[:12] == draws[12:]
+    assert len(set(draws)) == 12
+
+
 def test_a_killed_run_goes_on_to_the_same_curve(pairs: PairTable):
     whole = TrainingState.fresh(tiny_model(), SETTINGS)
     losses = trained(pairs, whole)
