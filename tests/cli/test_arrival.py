@@ -255,3 +255,15 @@ def test_a_folder_to_write_to_that_is_a_file_is_told_before_anything_is_read(tmp
     shown = CliRunner().invoke(app, [*words, str(tmp_path / "taken")])
     assert shown.exit_code == 2
     assert f"--out is '{tmp_path / 'taken'}', a file; must be a folder" in shown.stderr
+
+
+def test_options_of_see_arrive(monkeypatch, tmp_path):
+    called = Called([])
+    monkeypatch.setattr("rendezvous.commands.see.see", called)
+    written = Called([Path("p.png")])
+    monkeypatch.setattr("rendezvous.commands.see.write_seen", written)
+    shown = run(f"see a.png b.png --camera c.yaml --camera-pose 1,2,3,4,5,6 --robot waffle --out {tmp_path}/o")
+    assert called.arguments == ([Path("a.png"), Path("b.png")], Path("c.yaml"))
+    assert called.options == {"camera_pose": (1.0, 2.0, 3.0, 4.0, 5.0, 6.0), "robot": "waffle"}
+    assert written.arguments == ([], tmp_path / "o")
+    assert shown == "p.png\n"
