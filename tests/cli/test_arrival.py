@@ -262,7 +262,9 @@ def test_options_of_see_arrive(monkeypatch, tmp_path):
     monkeypatch.setattr("rendezvous.commands.see.see", called)
     written = Called([Path("p.png")])
     monkeypatch.setattr("rendezvous.commands.see.write_seen", written)
-    shown = run(f"see a.png b.png --camera c.yaml --camera-pose 1,2,3,4,5,6 --robot waffle --out {tmp_path}/o")
+    shown = run(
+        f"see a.png b.png --camera c.yaml --camera-pose 1,2,3,4,5,6 --robot waffle --out {tmp_path}/o"
+    )
     assert called.arguments == ([Path("a.png"), Path("b.png")], Path("c.yaml"))
     assert called.options == {"camera_pose": (1.0, 2.0, 3.0, 4.0, 5.0, 6.0), "robot": "waffle"}
     assert written.arguments == ([], tmp_path / "o")
