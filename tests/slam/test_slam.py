@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from pytest import approx
 
 from rendezvous.errors import ConfigError
@@ -277,3 +278,75 @@ def test_settings_that_cannot_work_are_refused(make: Callable[[], Any], message:
 def test_composition_and_its_inverse() -> None:
     a, b = np.array([1.0, -2.0, 4.0]), np.array([0.3, 0.7, -9.0])
     assert relative(a, compose(a, b)) == approx(b)
+
+
+def normals_of(points: Array, valid: NDArray[np.bool_]) -> Array:
+    return scan_normals(points, np.zeros_like(points), valid, 0.2)
+
+
+def test_a_normal_takes_four_points() -> None:
+    points = np.stack([np.full(40, 1.0), 0.01 * np.arange(40)], axis=1)
+    for seen in (3, 4):
+        valid = np.zeros(40, bool)
+        valid[10 : 10 + seen] = True
+        normals = normals_of(points, valid)
+        assert normals[11] == approx([-1.0, 0.0] if seen == 4 else [0.0, 0.0], abs=1e-6)
+        assert not normals[~valid].any()
+
+
+def test_points_that_scatter_by_half_of_their_length_are_no_line() -> None:
+    # Variances across and along a zigzag of n points: a^2 and (n^2 - 1) / 12 steps^2.
+    along = 0.01 * np.arange(13)
+    for share, is_line in ((0.15, True), (0.3, False)):
+        across = math.sqrt(share * 14.0) * 0.01 * np.where(np.arange(13) % 2, 1.0, -1.0)
+        points = np.full((60, 2), 5.0)
+        points[10:23] = np.stack([1.0 + across, along], axis=1)
+        valid = np.zeros(60, bool)
+        valid[10:23] = True
+        assert normals_of(points, valid)[16].any() == is_line
+
+
+def silent_sweep(begin: Array, end: Array, *, no_echo: slice = slice(0)) -> Sweep:
+    """A sweep of a room while odometry goes from one pose to the other; only odometry moves."""
+    ranges_m = scan(room_segments(4.0, 3.0), np.array([2.0, 1.5, 0.0]))
+    ranges_m[no_echo] = np.inf
+    return Sweep(ranges_m=ranges_m, odometry=np.array([begin, end]))
+
+
+def test_the_maps_origin_is_where_the_first_sweep_began() -> None:
+    slam = slam_with(no_echo_m=3.0)
+    begin = np.array([1.0, 2.0, 0.3])
+    slam.update(silent_sweep(begin, compose(begin, np.array([0.04, 0.01, 0.1]))))
+    assert slam.pose() == approx([0.04, 0.01, 0.1])
+
+
+def test_the_surface_takes_a_scan_at_each_keyframe_and_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each point with its range's own sigma."""
+    slam, inserted, at = slam_with(no_echo_m=3.0), [], np.zeros(3)
+
+    def moved_to(*args: object, **kwargs: object) -> tuple[Array, int]:
+        return at, 360
+
+    monkeypatch.setattr("rendezvous.slam.slam.match_scan", moved_to)
+    monkeypatch.setattr(slam._surface, "insert", lambda *args: inserted.append(args))
+    taken = []
+    for pose in ((0, 0, 0), (0.1, 0.1, 0), (0.11, 0.11, 0), (0.2, 0.2, 0), (0.2, 0.2, 0.14), (0.2, 0.2, -0.16)):
+        at = np.array(pose, float)
+        before = len(inserted)
+        slam.update(silent_sweep(np.zeros(3), np.zeros(3), no_echo=slice(0, 3)))
+        taken.append(len(inserted) > before)
+    assert taken == [True, False, True, False, False, True]
+    _, _, sigma_m, pose_m = inserted[-1]
+    assert pose_m == approx(at)
+    ranges_m = scan(room_segments(4.0, 3.0), np.array([2.0, 1.5, 0.0]))
+    noise = LIDAR.noise
+    assert sigma_m[3:] == approx(np.sqrt(noise.sigma_m**2 + (noise.sigma_ratio * ranges_m[3:]) ** 2))
+
+
+def test_the_known_area_is_that_of_free_and_occupied_cells() -> None:
+    mapper = OccupancyMapper(extent_m=2.0, parameters=MappingParameters())
+    for _ in range(2):
+        mapper.integrate(
+            np.array([[0.52, 0.02]]), np.full((1, 2), 0.02), np.ones(1, bool), np.zeros(1, bool), np.zeros(3)
+        )
+    assert mapper.known_area_m2() == approx(11 * 0.05**2)  # ten cells on the way and the one that was hit
