@@ -10,7 +10,7 @@ from pytest import approx
 
 from rendezvous.floorplan.records import Solid
 from rendezvous.geometry.se2 import SE2, Array
-from rendezvous.simulation.drive import TICK_S, Encoder, Nearby, OdometryNoise, Physics
+from rendezvous.simulation.drive import TICK_S, Encoder, Nearby, OdometryNoise, Physics, Slots
 from rendezvous.simulation.world import Drive, scene_mjcf
 from rendezvous.slam.slam import WheelOdometry
 from tests.simulation.scenes import burger, pole, wall
@@ -208,3 +208,81 @@ def test_a_robot_turns_no_faster_than_it_can() -> None:
     slow = replace(burger(), max_turn_rate_radps=0.3)
     left, right = slow.wheel_speeds(0.0, 1.5)
     assert slow.wheels.radius_m * (right - left) / slow.wheels.track_m == approx(0.3)
+
+
+def test_each_reading_has_its_own_jitter() -> None:
+    noise = OdometryNoise(scale_sigma=0.0, jitter_rad=0.05, tick_rad=1e-6)
+    encoder, drawn = Encoder(noise, rng=np.random.default_rng(7)), np.random.default_rng(7)
+    drawn.standard_normal(2)  # the scales
+    for wheels_rad in ((1.0, 2.0), (3.0, -4.0)):
+        assert encoder.read(wheels_rad) == approx(wheels_rad + 0.05 * drawn.standard_normal(2), abs=2e-6)
+
+
+def test_planar_wheels_slip_by_a_normal_share_of_each_tick() -> None:
+    spec = burger()
+    world = physics(SE2.identity(), SE2(3.0, 0.0, 0.0), drive=Drive.PLANAR, planar_slip=0.1)
+    drawn, rolled_rad = np.random.default_rng(0), np.zeros((2, 2))
+    for _ in range(2):
+        before = world.poses_w()
+        world._poses_w[:, 0] += (0.01, 0.02)
+        world._turn_planar_wheels(before)
+        rolled_rad += np.array([[0.01], [0.02]]) / spec.wheels.radius_m * (1 + 0.1 * drawn.standard_normal((2, 2)))
+    assert world.wheels_rad(0) == approx(rolled_rad[0])
+    assert world.wheels_rad(1) == approx(rolled_rad[1])
+
+
+def test_a_planar_robot_is_sent_along_the_chord_of_the_next_tick() -> None:
+    world = physics(SE2(1.0, 2.0, 0.5), SE2(5.0, 2.0, -1.0), drive=Drive.PLANAR)
+    world._poses_w[:, 2] += (0.3, -0.2)
+    world.step([(0.1, 1.2), (0.15, 0.0)])
+    # Slides lie along the axes of the start; a tick lasts 0.05 s.
+    heading = 0.3 + 0.5 * 1.2 * 0.05
+    assert world._data.ctrl[:3] == approx([0.1 * math.cos(heading), 0.1 * math.sin(heading), 1.2])
+    assert world._data.ctrl[3:] == approx([0.15 * math.cos(-0.2), 0.15 * math.sin(-0.2), 0.0])
+
+
+def test_a_slot_takes_the_place_shape_and_bounds_of_a_solid() -> None:
+    box = replace(wall(1.0, 2.0, 1.0, 3.0), z0_m=0.1, z1_m=0.5, half_y_m=0.2)
+    solids = [box, pole(4.0, 5.0, 0.3, z0_m=0.2, z1_m=0.6)]
+    model = mujoco.MjModel.from_xml_string(scene_mjcf([], [burger()], [SE2.identity()], slots=3))
+    slots = [geom for geom in range(model.ngeom) if model.geom(geom).name.startswith("slot")]
+    filled = Slots(model, solids)
+    filled.fill((0, 1))
+    first, second, third = slots
+    assert model.geom_pos[slots].tolist() == [approx([1, 2.5, 0.3]), approx([4, 5, 0.4]), [0, 0, -100]]
+    assert model.geom_type[slots[:2]].tolist() == [mujoco.mjtGeom.mjGEOM_BOX, mujoco.mjtGeom.mjGEOM_CYLINDER]
+    assert model.geom_size[first] == approx([0.5, 0.2, 0.2])
+    assert model.geom_size[second, :2] == approx([0.3, 0.2])
+    assert model.geom_quat[first] == approx([math.sqrt(0.5), 0, 0, math.sqrt(0.5)])
+    assert model.geom_aabb[first] == approx([0, 0, 0, 0.5, 0.2, 0.2])
+    assert model.geom_aabb[second] == approx([0, 0, 0, 0.3, 0.3, 0.2])
+    assert model.geom_rbound[slots[:2]] == approx([math.sqrt(0.33), math.hypot(0.3, 0.2)])
+    filled.fill((1,))
+    assert model.geom_pos[first] == approx([4, 5, 0.4])
+    assert model.geom_pos[second, 2] == model.geom_pos[third, 2] == -100
+
+
+def test_the_burgers_masses_turn_as_cylinders_do() -> None:
+    spec = burger()
+    model = mujoco.MjModel.from_xml_string(scene_mjcf([], [spec], [SE2.identity()]))
+    body, wheel = model.body("r0"), model.body("r0_left")
+    mass_kg, wheel_kg = 1.0 - 2 * 0.0285, 0.0285
+    across = mass_kg * (3 * 0.069**2 + 0.14**2) / 12
+    assert body.inertia == approx([across, across, 0.5 * mass_kg * 0.069**2], rel=1e-4)
+    assert body.ipos == approx([0.6 * -0.032, 0.0, 0.45 * 0.15])
+    spin = 0.5 * wheel_kg * 0.033**2
+    assert sorted(wheel.inertia) == approx(sorted([0.6 * spin, spin, 0.6 * spin]), rel=1e-4)
+    assert wheel.pos == approx([0.0, 0.08, 0.033])
+    assert model.body("r0_right").pos == approx([0.0, -0.08, 0.033])
+
+
+def test_fenders_cover_the_upper_half_of_the_wheels() -> None:
+    spec = burger()
+    model = mujoco.MjModel.from_xml_string(scene_mjcf([], [spec], [SE2.identity()]))
+    shell = model.body("r0_shell").id
+    geoms = [geom for geom in range(model.ngeom) if model.geom_bodyid[geom] == shell]
+    assert model.geom_pos[geoms].tolist() == [
+        approx([-0.032, 0, 0.08]), approx([0, 0.08, 0.0495]), approx([0, -0.08, 0.0495])
+    ]  # fmt: skip
+    assert model.geom_size[geoms[0], :2] == approx([0.069, 0.07])
+    assert model.geom_size[geoms[1]] == approx([0.033, 0.009, 0.0165])

@@ -153,3 +153,29 @@ def test_solids_above_the_scan_plane_are_not_seen() -> None:
     assert table_top.shape is Shape.CYLINDER
     _, circles = lidar_outline(plan, [table_top], height_m=0.182)
     assert len(circles) == 0
+
+
+def test_readings_come_in_the_sensors_steps_up_to_its_last() -> None:
+    spec = lidar(sigma_m=0.0, sigma_ratio=0.0, dropout=0.0, step_m=0.05)
+    drawn = noisy_ranges(np.array([1.02, 1.03, 0.13, 0.12, 3.5, 3.53]), spec, rng=np.random.default_rng(0))
+    assert drawn[:3] == approx([1.0, 1.05, 0.15])
+    assert drawn[3:].tolist() == [np.inf, 3.5, np.inf]
+    exact = lidar(sigma_m=0.0, sigma_ratio=0.0, dropout=0.0, step_m=0.0)
+    bounds_m = np.array([0.12, 3.5, 0.1199, 3.5001])
+    assert np.isfinite(noisy_ranges(bounds_m, exact, rng=np.random.default_rng(0))).tolist() == [
+        True, True, False, False
+    ]  # fmt: skip
+
+
+def test_a_beams_noise_does_not_depend_on_what_others_hit() -> None:
+    spec = lidar(dropout=0.3)
+    near = noisy_ranges(np.full(200, 1.0), spec, rng=np.random.default_rng(3))
+    mixed_m = np.where(np.arange(200) % 2, 1.0, np.inf)
+    mixed = noisy_ranges(mixed_m, spec, rng=np.random.default_rng(3))
+    np.testing.assert_array_equal(mixed[1::2], near[1::2])
+
+
+def test_a_circle_around_the_lidar_is_not_hit() -> None:
+    scene = ray_scene(room_segments(9.0, 9.0), np.array([[4.5, 4.5, 0.3]]))
+    ranges_m = cast_rays(scene, standing(4.6, 4.5, 0.0, 1), np.zeros(1), max_range_m=9.0)
+    assert ranges_m == approx([4.4])
