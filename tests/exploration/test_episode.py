@@ -13,6 +13,7 @@ from rendezvous.exploration import episode as episode_module
 from rendezvous.exploration.episode import Surroundings, furnished, run_episode
 from rendezvous.exploration.explorer import Explorer
 from rendezvous.exploration.records import Episode, EpisodeParameters
+from rendezvous.exploration.rendezvous import Sighting
 from rendezvous.exploration.starts import draw_starts
 from rendezvous.floorplan.furnish import furnish
 from rendezvous.floorplan.generate import GeneratorParameters, generate_floorplan
@@ -25,7 +26,7 @@ from rendezvous.simulation.rays import cast_rays
 from rendezvous.simulation.robot import RobotSpec, beam_bearings
 from rendezvous.simulation.world import Drive
 from tests.floorplan.plans import RADIUS_M
-from tests.simulation.scenes import burger
+from tests.simulation.scenes import burger, pole
 
 SHORT = EpisodeParameters(drive=Drive.WHEELS, max_time_s=150.0, first_event_s=(10.0, 20.0), max_events=3)
 
@@ -255,3 +256,85 @@ def test_without_noise_slam_is_good_to_three_centimetres(
         true_m_r = starts[i].inverse() @ snapshot.T_w_r
         assert math.dist(true_m_r.as_array()[:2], snapshot.T_m_r.as_array()[:2]) < 0.03
         assert abs(wrap_angle(true_m_r.yaw_rad - snapshot.T_m_r.yaw_rad)) < math.radians(0.3)
+
+
+def test_the_lidars_poses_run_along_the_knots_and_ahead_of_the_robot() -> None:
+    knots = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.4], [1.0, 2.0, 0.8]])
+    along = episode_module._poses_along(knots, 4, 0.1)
+    robot = np.array([[0.0, 0.0, 0.0], [0.5, 0.0, 0.2], [1.0, 0.0, 0.4], [1.0, 1.0, 0.6]])
+    assert along[:, 2] == approx(robot[:, 2])
+    assert along[:, 0] == approx(robot[:, 0] + 0.1 * np.cos(robot[:, 2]))
+    assert along[:, 1] == approx(robot[:, 1] + 0.1 * np.sin(robot[:, 2]))
+
+
+def test_what_hangs_higher_than_the_robot_is_not_in_its_way() -> None:
+    height_m = burger().size_m[2]
+    hanging = [pole(1.0, 1.0, 0.1, z0_m=z0_m) for z0_m in (0.0, height_m - 0.001, height_m)]
+    assert episode_module.in_the_way(hanging, burger()) == tuple(hanging[:2])
+
+
+def test_the_first_event_is_drawn_log_uniformly(surroundings: Surroundings, starts: tuple[SE2, SE2]) -> None:
+    parameters = replace(SHORT, first_event_s=(10.0, 1000.0))
+    exploration = episode_module._Exploration(
+        surroundings, (burger(), burger()), starts, parameters, np.random.default_rng(5)
+    )
+    schedule = np.random.default_rng(5).spawn(4)[3]
+    assert exploration._next_event_s == approx(10.0 ** schedule.uniform(1.0, 3.0))
+    # Five sweeps a second, of four ticks each; the path is sampled once a second.
+    assert (exploration._ticks_per_sweep, exploration._sweeps_per_step) == (4, 5)
+
+
+def test_a_rendezvous_takes_time_travel_and_enough_explored(
+    surroundings: Surroundings, starts: tuple[SE2, SE2], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    exploration = episode_module._Exploration(
+        surroundings, (burger(), burger()), starts, SHORT, np.random.default_rng(5)
+    )
+    view = object()
+    monkeypatch.setattr(exploration, "_sight", lambda observer, seen: view)
+    area_m2, travelled_m, time_s = [4.0, 4.0], [3.0, 3.0], 40.0
+    exploration._next_event_s, exploration._next_event_m = 40.0, [3.0, 3.0]
+
+    def views() -> Any:
+        exploration._physics._ticks = round(time_s / 0.05)
+        for robot, area, travelled in zip(exploration._robots, area_m2, travelled_m, strict=True):
+            robot.travelled_m = travelled
+            monkeypatch.setattr(robot.explorer.slam.mapper, "known_area_m2", lambda area=area: area)
+        return exploration._sightings()
+
+    assert views() == (view, view)
+    time_s = 39.95
+    assert views() is None
+    time_s, travelled_m = 40.0, [3.0, 2.99]
+    assert views() is None
+    travelled_m, area_m2 = [3.0, 3.0], [4.0, 3.99]
+    assert views() is None
+    area_m2 = [4.0, 4.0]
+    monkeypatch.setattr(exploration, "_sight", lambda observer, seen: None)
+    assert views() is None
+    # The next one: 10 s and 1 m later.
+    monkeypatch.setattr(episode_module._Robot, "snapshot", lambda robot: None)
+    exploration._record((None, None))
+    assert (exploration._next_event_s, exploration._next_event_m) == (50.0, [4.0, 4.0])
+
+
+def test_a_sighting_takes_half_of_the_robot_in_view(
+    surroundings: Surroundings, starts: tuple[SE2, SE2], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    exploration = episode_module._Exploration(
+        surroundings, (burger(), burger()), starts, SHORT, np.random.default_rng(5)
+    )
+    asked = []
+    for fraction, is_sighting in ((0.49, False), (0.5, True)):
+        seen = Sighting(range_m=1.0, bearing_rad=0.0, visible_fraction=fraction)
+
+        def sight(*args: Any, seen: Sighting = seen, **kwargs: Any) -> Sighting:
+            asked.append((args, kwargs))
+            return seen
+
+        monkeypatch.setattr(episode_module, "sight", sight)
+        assert exploration._sight(*exploration._robots) == (seen if is_sighting else None)
+    (_, _, T_w_r0, T_w_r1, _), bounds = asked[0]
+    assert T_w_r0.as_array() == approx(starts[0].as_array())
+    assert T_w_r1.as_array() == approx(starts[1].as_array())
+    assert bounds == {"min_range_m": 0.4, "max_range_m": 4.0}

@@ -129,3 +129,38 @@ def test_something_that_was_felt_is_planned_around() -> None:
     ways = reach(felt, felt.cell_at(1.0, 2.0), hard_clearance_m=0.15, soft_clearance_m=0.3)
     path = path_m(felt, ways, felt.cell_at(3.0, 2.0))
     assert np.hypot(path[:, 0] - 2.0, path[:, 1] - 2.0).min() > 0.15
+
+
+def test_a_cell_free_by_half_is_free_and_by_a_quarter_unknown() -> None:
+    fine = np.full((4, 4), DARK, np.float32)
+    fine[0, :2] = FREE  # half of the first coarse cell
+    fine[0, 2] = FREE  # a quarter of the second
+    fine[2, :2], fine[3, :2] = FREE, WALL  # free and occupied
+    free, unknown, occupied = grid_values.FREE, grid_values.UNKNOWN, grid_values.OCCUPIED
+    assert plan_of(fine).cells[1:3, 1:3].tolist() == [[free, unknown], [occupied, unknown]]
+    # An odd last row and column count as far as they go.
+    assert plan_of(np.full((3, 3), FREE, np.float32)).cells[1:3, 1:3].tolist() == [
+        [free, free],
+        [free, unknown],
+    ]
+
+
+def test_the_dark_is_a_frontier_on_whichever_side_it_lies() -> None:
+    for dark in (np.s_[2:20, 2:-2], np.s_[-20:-2, 2:-2], np.s_[2:-2, 2:20], np.s_[2:-2, -20:-2]):
+        fine = room()
+        fine[dark] = DARK
+        plan = plan_of(fine)
+        ways = reach(plan, plan.cell_at(3.0, 2.0), hard_clearance_m=0.15, soft_clearance_m=0.3)
+        assert len(frontiers(plan, ways, least_m=0.4)[0]) == 1
+
+
+def test_a_frontier_just_as_long_as_the_least_counts() -> None:
+    fine = room()
+    fine[2:-2, 80:-2] = WALL
+    fine[30:46, 80:-2] = DARK  # 8 coarse cells of it can be seen
+    plan = plan_of(fine)
+    ways = reach(plan, plan.cell_at(1.0, 1.0), hard_clearance_m=0.0, soft_clearance_m=0.1)
+    (length_m,) = frontiers(plan, ways, least_m=0.1)[2]
+    assert length_m == approx(0.8)
+    assert len(frontiers(plan, ways, least_m=length_m)[0]) == 1
+    assert len(frontiers(plan, ways, least_m=length_m + 0.01)[0]) == 0

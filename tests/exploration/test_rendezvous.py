@@ -1,4 +1,5 @@
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -114,3 +115,26 @@ def test_a_cylinder_off_the_line_of_sight_hides_nothing(circle: list[float]) -> 
     seen = view(SE2(2.0, 0.0, 0.0), obstacles(circles=[circle]))
     assert seen is not None
     assert seen.visible_fraction == 1.0
+
+
+def test_a_camera_turned_to_the_side_sees_what_stands_there() -> None:
+    turned = replace(burger(), camera=replace(burger().camera, rpy_rad=(0.0, 0.0, 1.2)))
+    ahead = SE2(2.0 * math.cos(1.4), 2.0 * math.sin(1.4), 0.0)
+    seen = sight(turned, burger(), SE2.identity(), ahead, obstacles(), min_range_m=0.4, max_range_m=4.0)
+    assert seen is not None
+    assert seen.visible_fraction == 1.0
+    assert view(ahead) is None
+
+
+def test_the_bounds_of_the_range_belong_to_it() -> None:
+    seen = view(SE2(2.0, 0.3, 1.0))
+    assert seen is not None
+    for low_m, high_m, is_seen in (
+        (seen.range_m, 4.0, True), (0.4, seen.range_m, True),
+        (seen.range_m + 1e-9, 4.0, False), (0.4, seen.range_m - 1e-9, False),
+    ):  # fmt: skip
+        again = sight(
+            burger(), burger(), SE2.identity(), SE2(2.0, 0.3, 1.0), obstacles(),
+            min_range_m=low_m, max_range_m=high_m,
+        )  # fmt: skip
+        assert (again is not None) == is_seen

@@ -226,7 +226,9 @@ def test_planar_wheels_slip_by_a_normal_share_of_each_tick() -> None:
         before = world.poses_w()
         world._poses_w[:, 0] += (0.01, 0.02)
         world._turn_planar_wheels(before)
-        rolled_rad += np.array([[0.01], [0.02]]) / spec.wheels.radius_m * (1 + 0.1 * drawn.standard_normal((2, 2)))
+        rolled_rad += (
+            np.array([[0.01], [0.02]]) / spec.wheels.radius_m * (1 + 0.1 * drawn.standard_normal((2, 2)))
+        )
     assert world.wheels_rad(0) == approx(rolled_rad[0])
     assert world.wheels_rad(1) == approx(rolled_rad[1])
 

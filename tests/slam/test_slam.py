@@ -330,7 +330,14 @@ def test_the_surface_takes_a_scan_at_each_keyframe_and_no_other(monkeypatch: pyt
     monkeypatch.setattr("rendezvous.slam.slam.match_scan", moved_to)
     monkeypatch.setattr(slam._surface, "insert", lambda *args: inserted.append(args))
     taken = []
-    for pose in ((0, 0, 0), (0.1, 0.1, 0), (0.11, 0.11, 0), (0.2, 0.2, 0), (0.2, 0.2, 0.14), (0.2, 0.2, -0.16)):
+    for pose in (
+        (0, 0, 0),
+        (0.1, 0.1, 0),
+        (0.11, 0.11, 0),
+        (0.2, 0.2, 0),
+        (0.2, 0.2, 0.14),
+        (0.2, 0.2, -0.16),
+    ):
         at = np.array(pose, float)
         before = len(inserted)
         slam.update(silent_sweep(np.zeros(3), np.zeros(3), no_echo=slice(0, 3)))

@@ -1,4 +1,4 @@
-"""Surface elements: means weighted by the points' variances, one for each face, fixed once they weigh enough."""
+"""Surface elements: means weighted by variance, one for each face, fixed once they weigh enough."""
 
 from __future__ import annotations
 
@@ -17,7 +17,9 @@ def surface(*, max_weight: float = 60.0) -> SurfaceMap:
     return SurfaceMap(extent_m=4.0, cell_m=0.1, same_side=0.7, max_weight=max_weight)
 
 
-def insert(seen: SurfaceMap, point: tuple[float, float], normal: tuple[float, float], sigma_m: float) -> Array:
+def insert(
+    seen: SurfaceMap, point: tuple[float, float], normal: tuple[float, float], sigma_m: float
+) -> Array:
     """Insert one point; the first element after that."""
     seen.insert(np.array([point]), np.array([normal]), np.array([sigma_m]), ORIGIN)
     return seen.surface.elements[0]
