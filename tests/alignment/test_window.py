@@ -7,8 +7,10 @@ import pytest
 from pytest import approx
 from scipy.ndimage import maximum_filter, minimum_filter
 
+from rendezvous.alignment.estimate import WRONG_M, WRONG_RAD
 from rendezvous.alignment.frame_error import perturbed
 from rendezvous.alignment.window import (
+    DEFAULT_SEARCH,
     FREE_CELL,
     HIDDEN_CELL,
     OCCUPIED_CELL,
@@ -177,3 +179,35 @@ def test_a_window_shows_each_robot_in_its_own_map() -> None:
     assert pooled.sight is not None
     assert pooled.sight.shape == (2, 64, 64)
     assert (pooled.sight == ROBOT_CELL).any(axis=(1, 2)).all()
+
+
+def test_without_other_wishes_the_window_and_its_search_are_the_papers() -> None:
+    grid = speckled(0)
+    window = map_window(grid, grid, SE2.identity(), SE2.identity(), T_m0_r0=SE2(0.5, 0.0, 0.0))
+    assert window.cells.shape == (2, 384, 384)
+    assert window.cell_m == 0.05
+    assert SearchRange.covering(xy_m=2.0, yaw_rad=math.pi / 4) == DEFAULT_SEARCH
+    # Robots of 0.1 m, which cover 12 cells at 0.05 m.
+    assert (window.sight == ROBOT_CELL).sum(axis=(1, 2)).tolist() == [12, 12]
+
+
+def test_a_robot_that_sees_less_far_and_is_larger_is_drawn_so() -> None:
+    grid = OccupancyGrid(
+        cells=np.full((200, 200), FREE, np.uint8), resolution_m=0.05, T_m_g=SE2(-5.0, -5.0, 0.0)
+    )
+    for robot in (None, RobotSight(range_m=1.5, radius_m=0.3)):
+        window = map_window(
+            grid, grid, SE2.identity(), SE2.identity(), T_m0_r0=SE2.identity(), cells=256, robot=robot
+        )
+        assert window.sight is not None
+        at_m = np.hypot(*((np.indices((256, 256)) + 0.5 - 128) * 0.05))
+        for sight in window.sight:
+            assert at_m[sight > HIDDEN_CELL].max() == approx(5.0 if robot is None else 1.5, abs=0.05)
+            assert at_m[sight == ROBOT_CELL].max() == approx(0.1 if robot is None else 0.3, abs=0.03)
+        reached = window.sight[0] > HIDDEN_CELL
+        assert reached[at_m < (4.9 if robot is None else 1.4)].all()
+
+
+def test_what_makes_an_alignment_wrong_is_half_a_metre_or_five_degrees() -> None:
+    assert WRONG_M == 0.5
+    assert math.degrees(WRONG_RAD) == approx(5.0)

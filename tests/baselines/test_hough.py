@@ -107,3 +107,19 @@ def test_its_names_tell_the_two_apart():
 def test_its_answer_is_what_it_was_when_it_was_measured():
     estimate = IN_RANGE(window_with(SE2(1.1, -0.6, 0.4), turn_rad=1.0))
     assert estimate.theta.as_array() == approx([1.07343, -0.61052, 0.40143], abs=1e-4)
+
+
+def test_the_likeliest_candidates_are_tried_each_with_the_headings_beside_it():
+    """Spectra that agree at six turns, each less than the one before."""
+    spectrum_0 = np.zeros(360)
+    spectrum_0[0] = 1.0
+    spectrum_1 = np.zeros(360)
+    turns_deg = [10, -20, 40, 170, 75, -90]
+    spectrum_1[turns_deg] = [6.0, 5.0, 4.0, 3.0, 2.0, 1.0]
+    beside = math.radians(1.0)
+    everywhere = HoughSpectrum()._headings(spectrum_0, spectrum_1)
+    assert everywhere == approx([math.radians(t) + d for t in turns_deg[:4] for d in (0.0, beside, -beside)])
+    plain = HoughSpectrum(
+        search=SearchRange(xy_m=1.0, yaw_rad=math.radians(90.0)), candidates=9, robust_rad=0.0
+    )
+    assert plain._headings(spectrum_0, spectrum_1) == approx(np.radians([10, -20, 40, 75, -90]))

@@ -7,7 +7,7 @@ import pytest
 
 from rendezvous.alignment.frame_error import log_density
 from rendezvous.errors import SightingError
-from rendezvous.fusion.fusion_input import SightedPose, sighted_pose
+from rendezvous.fusion.fusion_input import SightedPose, SlamSpread, sighted_pose
 from rendezvous.geometry.se2 import SE2, Array
 from rendezvous.pose_estimation.pose_estimate import PoseMode, RelativePose
 
@@ -140,3 +140,34 @@ def test_no_image_with_the_robot_is_an_error_that_says_why():
 def test_a_given_pose_has_no_score():
     assert SightedPose.given(TRUE).score is None
     assert SightedPose.given(TRUE).best.covariance is None
+
+
+def test_readings_are_as_probable_as_their_densities_and_mistakes_make_them():
+    """Two images 10 cm apart: both right, either one mistaken; a mistaken one is somewhere in 75 m² rad."""
+    apart = SE2(0.1, 0.0, 0.0)
+    sighting = sighted_pose([seen_at(TRUE), seen_at(TRUE @ apart)])
+    together = np.exp(log_density(apart.as_array()[None], 2.0 * SHAPE[None], np.array([math.inf])))[0]
+    masses = np.array([0.98 * 0.98 * together, *[0.98 * 0.02 / 75.0] * 2])
+    assert sorted(mode.mass for mode in sighting.modes) == pytest.approx(sorted(masses / masses.sum()))
+    assert sighting.best.images == (0, 1)
+
+
+def test_the_score_is_that_of_the_images_that_are_believed():
+    images = [seen_at(TRUE, score=0.6), seen_at(TRUE, score=0.7)]
+    images.append(seen_at(TRUE @ SE2(2.0, 0.0, 0.0), score=0.95))
+    assert sighted_pose(images).score == 0.7
+
+
+def test_of_many_readings_the_sixteen_most_probable_are_kept():
+    masses = np.arange(1, 21) / 210.0
+    modes = [(TRUE @ SE2(0.1 * k, 0.0, 0.0), SHAPE, float(p)) for k, p in enumerate(masses)]
+    kept = sighted_pose([pose_of(*modes)]).modes
+    assert [mode.mass for mode in kept] == pytest.approx(masses[:3:-1] / masses[4:].sum())
+    assert sum(mode.mass for mode in kept) == pytest.approx(1.0)
+    two = sighted_pose([pose_of((TRUE, SHAPE, 0.99995), (TRUE @ SE2(1.0, 0.0, 0.0), SHAPE, 5e-5))])
+    assert len(two.modes) == 1
+
+
+def test_a_robots_own_pose_is_known_to_two_centimetres_and_half_a_degree():
+    heading = math.radians(0.5)
+    assert SlamSpread().covariance() == pytest.approx(np.diag([4e-4, 4e-4, heading**2]))

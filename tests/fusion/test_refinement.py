@@ -231,3 +231,25 @@ def test_heavy_tails_make_a_far_estimate_less_surprising():
     )
     for p in (0.5, 0.9, 0.99):
         assert np.mean(found > p) == pytest.approx(1.0 - p, abs=3.0 * np.sqrt(p * (1.0 - p) / 4000))
+
+
+def test_a_sighting_of_something_else_is_two_in_a_hundred_within_the_papers_range():
+    prior = frame_error_prior(SightedPose.given(SEEN, SHAPE), T_M0_R0, slam=EXACT)
+    assert prior.outlier.weight == 0.02
+    assert prior.outlier.mean == SE2.identity()
+    assert prior.outlier.covariance == pytest.approx(np.diag([1.0, 1.0, (0.5 * math.pi) ** 2]))
+    assert sum(part.weight for part in prior.parts) == pytest.approx(1.0)
+    assert prior.search(with_outlier=True) == SearchRange(xy_m=3.5, yaw_rad=math.pi)
+
+
+def test_a_search_reaches_three_and_a_half_deviations_of_the_farthest_mode():
+    sigmas = np.array([0.2, 0.1, 0.05])
+    modes = (
+        SightedMode(T_r0_r1=SEEN, covariance=np.diag(sigmas**2), mass=0.7),
+        SightedMode(T_r0_r1=SEEN @ SE2(0.0, 0.0, 0.4), covariance=np.diag(sigmas**2), mass=0.3),
+    )
+    at_phi = SE2(0.0, 0.0, -SEEN.yaw_rad)  # so that the axes of m0 are those of the mode
+    search = frame_error_prior(SightedPose(modes=modes), at_phi, slam=EXACT).search(with_outlier=False)
+    assert search.yaw_rad == pytest.approx(0.4 + 3.5 * 0.05)
+    alone = frame_error_prior(SightedPose(modes=modes[:1]), at_phi, slam=EXACT).search(with_outlier=False)
+    assert (alone.xy_m, alone.yaw_rad) == pytest.approx((3.5 * 0.2, 3.5 * 0.05))

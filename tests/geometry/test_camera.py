@@ -1,11 +1,14 @@
 import math
+from dataclasses import replace
 
 import cv2
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from pytest import approx
 
+from rendezvous.errors import PipelineError
 from rendezvous.geometry.camera import (
     PinholeCamera,
     camera_pose,
@@ -64,3 +67,9 @@ def test_roll_pitch_yaw_is_yaw_of_pitch_of_roll(roll: float, pitch: float, yaw: 
 @given(angles, angles, angles)
 def test_poses_on_the_floor_survive_the_round_trip(x: float, y: float, yaw: float) -> None:
     assert se2_from_se3(se3_from_se2(SE2(x, y, yaw))).as_array() == approx([x, y, yaw], abs=1e-12)
+
+
+@pytest.mark.parametrize("wrong", ["fx_px", "fy_px", "width_px", "height_px"])
+def test_a_camera_without_focal_length_or_size_is_refused(wrong: str) -> None:
+    with pytest.raises(PipelineError, match="focal lengths and size must be positive"):
+        replace(D435, **{wrong: 0})

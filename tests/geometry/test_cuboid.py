@@ -86,3 +86,18 @@ def test_points_behind_the_camera_are_unknown():
     T_c_o[2, 3] = 0.05
     unknown = np.isnan(project_cuboid(T_c_o, SIZE_M, CAMERA)).all(axis=1)
     assert np.array_equal(unknown, [False] * 4 + [True] * 4 + [False])
+
+
+def test_four_points_that_are_not_in_a_plane_are_enough():
+    T_c_o = np.eye(4)
+    T_c_o[:3, :3] = rotation_from_rpy(0.4, -0.3, 1.0)
+    T_c_o[:3, 3] = 0.1, -0.05, 1.0
+    uv_px = project_cuboid(T_c_o, SIZE_M, CAMERA)
+    uv_px[[2, 3, 5, 6, 7]] = np.nan
+    found = pose_from_cuboid(uv_px, SIZE_M, CAMERA)
+    assert found is not None
+    assert project_cuboid(found, SIZE_M, CAMERA)[[0, 1, 4, 8]] == pytest.approx(uv_px[[0, 1, 4, 8]], abs=0.1)
+
+
+def test_points_in_one_place_have_no_pose():
+    assert pose_from_cuboid(np.full((9, 2), 100.0), SIZE_M, CAMERA) is None

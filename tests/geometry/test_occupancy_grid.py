@@ -124,3 +124,19 @@ def test_what_makes_no_grid_is_named(wrong, said):
     given = {"cells": np.zeros((2, 2), np.uint8), "resolution_m": 0.05, "T_m_g": SE2.identity()}
     with pytest.raises(MapError, match=said):
         OccupancyGrid(**(given | wrong))
+
+
+def test_cropping_leaves_two_cells_of_margin_unless_told() -> None:
+    cells = np.full((20, 30), UNKNOWN, np.uint8)
+    cells[8:12, 10:15] = FREE
+    cropped = grid_of(cells).cropped()
+    assert cropped.cells.shape == (4 + 4, 5 + 4)
+    assert cropped.T_m_g == SE2(0.5 * 8, 0.5 * 6, 0.0)
+
+
+def test_a_picture_in_colour_is_no_map() -> None:
+    import cv2
+
+    _, png = cv2.imencode(".png", np.zeros((4, 5, 3), np.uint8))
+    with pytest.raises(MapError, match="is not a greyscale PNG"):
+        grid_from_png(png.tobytes(), resolution_m=0.05, T_m_g=SE2.identity())

@@ -62,3 +62,12 @@ def test_a_pose_that_is_not_finite_is_refused(value: float) -> None:
 def test_a_pose_holds_plain_numbers_whatever_it_was_made_of():
     pose = SE2(np.float64(1.5), np.float32(-2.0), 3) @ SE2(np.float64(0.0), 0.0, 0.0)
     assert repr(pose) == "SE2(x_m=1.5, y_m=-2.0, yaw_rad=3.0)"
+
+
+def test_a_pose_is_wrapped_in_its_heading_alone():
+    assert SE2(1.0, -2.0, 1.5 * math.pi).wrapped().as_array() == approx([1.0, -2.0, -0.5 * math.pi])
+
+
+@given(poses)
+def test_a_pose_is_its_array(a: SE2) -> None:
+    assert SE2.from_array(a.as_array()) == a

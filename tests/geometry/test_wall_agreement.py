@@ -7,7 +7,7 @@ import pytest
 
 from rendezvous.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, grid_from_png
 from rendezvous.geometry.se2 import SE2
-from rendezvous.geometry.wall_agreement import wall_agreement
+from rendezvous.geometry.wall_agreement import count_near, wall_agreement
 from tests.synthetic import RESOLUTION_M, synthetic_row
 
 
@@ -71,3 +71,14 @@ def test_walls_outside_the_other_map_are_not_compared():
     )
     agreement = wall_agreement(_wall(20), unknown, SE2.identity())
     assert (agreement.compared, agreement.share) == (0, None)
+
+
+def test_the_tolerance_belongs_to_what_agrees():
+    here = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]])
+    there = np.array([[0.1, 0.0], [1.0, 0.1 + 1e-6]])
+    assert count_near(here, there, 0.1) == 1
+    # Cells two apart, whose centres differ by 0.1 but for rounding.
+    cols = 0.05 * (np.arange(200) + 0.5)
+    for a, b in zip(cols[:-2], cols[2:], strict=True):
+        assert count_near(np.array([[a, 0.0]]), np.array([[b, 0.0]]), 0.1) == 1
+    assert count_near(here, np.zeros((0, 2)), 0.1) == count_near(np.zeros((0, 2)), there, 0.1) == 0

@@ -90,3 +90,24 @@ def test_of_two_centroids_a_corner_goes_to_the_nearer_and_of_two_corners_the_hig
 
 def test_empty_maps_hold_no_cuboid():
     assert found(np.empty((0, 9, 2))) == []
+
+
+def test_a_vector_is_the_mean_of_the_cells_around_its_corner():
+    """Cell (10, 10) points away, its eight neighbours to the centroid."""
+    uv = np.array([[10.2, 9.8], [14.0, 10.0]])
+    peaks = Peaks(channel_P=np.array([2, 8]), uv_cells_P2=uv, height_P=np.array([0.9, 0.8]))
+    fields = np.zeros((16, 20, 20), np.float32)
+    fields[4, 9:12, 9:12] = 1.0
+    fields[4, 10, 10] = -1.0
+    (cuboid,) = detect_cuboids(peaks, fields)
+    assert np.isfinite(cuboid.uv_cells_92[2]).all()
+
+
+def test_the_centre_is_that_of_the_box_around_the_points_that_were_found():
+    uv = np.array([[2.0, 3.0], [10.0, 4.0], [3.0, 5.0]])
+    peaks = Peaks(channel_P=np.array([0, 1, 8]), uv_cells_P2=uv, height_P=np.ones(3))
+    fields = np.zeros((16, 20, 20), np.float32)
+    fields[0, 3, 2], fields[2, 4, 10] = 1.0, -1.0
+    (cuboid,) = detect_cuboids(peaks, fields)
+    assert cuboid.centre_cells == pytest.approx([6.0, 4.0])
+    assert cuboid.span_cells == 8.0

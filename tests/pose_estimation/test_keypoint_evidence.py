@@ -55,3 +55,28 @@ def test_a_peak_s_share_is_its_probability_near_it_and_none_elsewhere():
     assert shares[1][:2] == pytest.approx([0.0, 1.0], abs=0.01)
     assert shares[2] == pytest.approx(np.zeros(4), abs=1e-6)
     assert evidence.weight_GJ[3, :2] == pytest.approx([0.98 * 0.6, 0.98 * 0.3])
+
+
+def test_peaks_of_more_than_one_in_all_share_what_is_sure():
+    evidence = evidence_of([(LOOK, peaks(0.9, 0.6))], sigma_cells=1.0, noise=KeypointNoise())
+    assert evidence.weight_GJ[3] == pytest.approx([0.98 * 0.6, 0.98 * 0.4, 0.0, 0.0])
+    assert evidence.variance_px2_GJ[3] == pytest.approx(np.full(4, (0.1 * PX_PER_CELL) ** 2))
+    assert evidence.elsewhere_G[3] == pytest.approx(0.02 / 320.0**2)
+    assert evidence.cell_px == PX_PER_CELL
+
+
+def test_three_tenths_of_a_peaks_blur_is_taken_as_doubt_unless_told():
+    evidence = evidence_of([(LOOK, peaks(0.5))], sigma_cells=1.0, noise=KeypointNoise())
+    assert evidence.variance_px2_GJ[3, 0] == pytest.approx(PX_PER_CELL**2 * (0.1**2 + 0.3 * 1.0))
+
+
+def test_each_look_has_its_own_scale_and_place():
+    far = Look.at(np.array([100.0, 50.0]), scale=0.25, width_px=80, height_px=80)
+    evidence = evidence_of(
+        [(LOOK, peaks(1.0)), (far, peaks(1.0, channel=5))], sigma_cells=1.0, noise=KeypointNoise()
+    )
+    assert evidence.uv_px_GJ2[3, 0] == pytest.approx(LOOK.to_image(np.array([32.0, 40.0])))
+    assert evidence.uv_px_GJ2[9 + 5, 0] == pytest.approx(far.to_image(np.array([32.0, 40.0])))
+    assert evidence.channel_G.tolist() == [*range(9), *range(9)]
+    assert evidence.variance_px2_GJ[[3, 14], 0] == pytest.approx([1.6**2, 3.2**2])
+    assert evidence.cell_px == pytest.approx(0.5 * (16.0 + 32.0))

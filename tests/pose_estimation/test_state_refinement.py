@@ -5,7 +5,7 @@ import pytest
 
 from rendezvous.geometry.se2 import Array
 from rendezvous.pose_estimation.keypoint_evidence import KeypointEvidence, KeypointNoise
-from rendezvous.pose_estimation.observation_model import ObservationModel
+from rendezvous.pose_estimation.observation_model import HEIGHT_SIGMA_M, TILT_SIGMA_RAD, ObservationModel
 from rendezvous.pose_estimation.state_refinement import lean_precision, refine
 from tests.pose_estimation.observations import observation, seen_points, shaken, state
 
@@ -63,3 +63,23 @@ def test_a_floor_that_is_not_to_be_used_leaves_height_and_tilt_open():
     assert open_.states_M6[0] == pytest.approx(high, abs=0.02)
     assert abs(floored.states_M6[0, 3]) < 0.02
     assert floored.gain_M[0] < open_.gain_M[0]
+
+
+def test_peaks_that_all_agree_explain_all_that_can_be_explained():
+    before = observation()
+    true = np.array([1.5, 0.1, 0.8, 0.0, 0.0, 0.0])
+    points = seen_points(before.project(true[None])[0])
+    found = refine(before, points.evidence(NOISE), true[None], floor=True)
+    assert found.explained_M[0] == pytest.approx(0.98, abs=0.01)
+    assert found.gain_M[0] == pytest.approx(
+        points.evidence(NOISE).log_likelihood(before.project(found.states_M6))[0]
+    )
+    away = refine(before, points.evidence(NOISE), true[None] + [[2.5, 0.0, 0.0, 0.0, 0.0, 0.0]], floor=True)
+    assert away.explained_M[0] < 0.5
+
+
+def test_height_and_tilt_are_as_sure_as_a_level_floor_makes_them():
+    assert lean_precision(floor=True) == pytest.approx(
+        [0, 0, 0, HEIGHT_SIGMA_M**-2, *[TILT_SIGMA_RAD**-2] * 2]
+    )
+    assert lean_precision(floor=False) == pytest.approx([0, 0, 0, 0.01, 0.01, 0.01])
