@@ -209,7 +209,9 @@ def test_a_stage_reads_what_its_code_reads(edited, reads: str):
 
 
 def test_the_configuration_knows_what_each_stages_code_reads():
-    for stage in load_config(STAGES_YAML).stages:
+    stages = load_config(STAGES_YAML).stages
+    assert stages.keys() == STAGES.keys()
+    for stage in stages:
         code = (ROOT / "pipeline" / "rendezvous" / "stages" / f"{stage}.py").read_text()
         assert set(re.findall(r'run\.read\("(\w+)"\)', code)) == set(STAGES[stage].reads)
 

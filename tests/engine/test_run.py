@@ -12,6 +12,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -24,6 +25,7 @@ from rendezvous.errors import PipelineError, SetupError, StoreError
 from rendezvous.store.disk import Disk
 from rendezvous.store.read import StageReader
 from rendezvous.store.verify import verify
+from rendezvous.store.write import StageWriter
 from tests.conftest import PATIENCE_S, ROOT, wait_until
 from tests.toy_stage import LAYOUT, STAGE, folder_content, item_names, run_of, toy_tasks
 
@@ -312,3 +314,43 @@ def test_workers_end_with_the_process_that_started_them(tmp_path: Path):
 
 def spawned(parent: psutil.Process) -> list[psutil.Process]:
     return [child for child in parent.children() if "spawn_main" in " ".join(child.cmdline())]
+
+
+def test_what_shards_need_is_prepared_once_and_only_if_one_is_made(tmp_path: Path):
+    prepared: list[bool] = []
+    run = run_of(str(tmp_path))
+
+    def build_all(tasks: list[Task]) -> None:
+        made = (tmp_path / STAGE).glob("part-*.parquet")
+        run.build(STAGE, tasks, layout=LAYOUT, prepare=lambda: prepared.append(any(made)))
+
+    build_all(toy_tasks(item_names(6)))
+    assert prepared == [False]  # before the first one
+    build_all(toy_tasks(item_names(6)))
+    assert len(prepared) == 1
+    build_all(toy_tasks(item_names(8)))
+    assert len(prepared) == 2
+
+
+def test_a_shard_whose_columns_are_not_those_of_its_inputs_is_never_written(tmp_path: Path):
+    (task,) = toy_tasks(["a"])
+    other = {**task.inputs.columns, "values": "list<float>"}
+    wrong = Task(name=task.name, inputs=replace(task.inputs, columns=other), make=task.make)
+    with pytest.raises(AssertionError, match=r"part-00000\.parquet: columns of its inputs"):
+        build(tmp_path, [wrong])
+    assert not (tmp_path / STAGE / task.name).exists()
+
+
+def test_a_worker_gets_a_writer_without_the_index_of_all_shards(tmp_path: Path):
+    build(tmp_path, toy_tasks(item_names(6)))
+    writer = StageWriter(str(tmp_path / STAGE), STAGE, LAYOUT)
+    with writer.locked():
+        assert len(writer._by_fingerprint) == 3
+        assert writer.for_worker() == StageWriter(writer.root, STAGE, LAYOUT)
+
+
+def test_a_stages_folder_is_in_the_data_folder_however_that_is_written():
+    assert run_of("somewhere/").folder(STAGE) == run_of("somewhere").folder(STAGE) == f"somewhere/{STAGE}"
+    assert [part_name(n) for n in (0, 42, 123456)] == [
+        "part-00000.parquet", "part-00042.parquet", "part-123456.parquet"
+    ]  # fmt: skip

@@ -107,7 +107,7 @@ def test_the_centre_is_that_of_the_box_around_the_points_that_were_found():
     uv = np.array([[2.0, 3.0], [10.0, 4.0], [3.0, 5.0]])
     peaks = Peaks(channel_P=np.array([0, 1, 8]), uv_cells_P2=uv, height_P=np.ones(3))
     fields = np.zeros((16, 20, 20), np.float32)
-    fields[0, 3, 2], fields[2, 4, 10] = 1.0, -1.0
+    fields[0, 3, 2], fields[1, 3, 2], fields[2, 4, 10] = 0.5, 1.0, -1.0
     (cuboid,) = detect_cuboids(peaks, fields)
     assert cuboid.centre_cells == pytest.approx([6.0, 4.0])
     assert cuboid.span_cells == 8.0

@@ -4,6 +4,7 @@ from copy import deepcopy
 from importlib import import_module
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from rendezvous.engine.run import Run
@@ -143,3 +144,16 @@ def test_another_robot_explores_as_well(make_run: MakeRun, tmp_path: Path) -> No
     rows = list(run.read("explore").rows(columns=["slam_position_error_0_m", "T_r1_o"]))
     assert rows
     assert max(row["slam_position_error_0_m"] for row in rows) < 0.1
+
+
+def test_a_cylinder_is_an_octagon_in_what_the_lidar_sees() -> None:
+    module = import_module("rendezvous.stages.explore")
+    wall_m = np.array([[0.0, 0.0, 4.0, 0.0]])
+    outline_m = module._outline(wall_m, np.array([[1.0, 2.0, 0.5], [3.0, 1.0, 0.1]]))
+    assert outline_m.shape == (1 + 2 * 8, 4)
+    assert outline_m[0].tolist() == wall_m[0].tolist()
+    turns = np.radians(45.0 * np.arange(8))
+    corners_m = np.array([1.0, 2.0]) + 0.5 * np.stack([np.cos(turns), np.sin(turns)], axis=1)
+    np.testing.assert_allclose(outline_m[1:9, :2], corners_m)
+    np.testing.assert_allclose(outline_m[1:9, 2:], np.roll(corners_m, -1, axis=0))
+    np.testing.assert_allclose(np.hypot(*(outline_m[9:, :2] - [3.0, 1.0]).T), 0.1)

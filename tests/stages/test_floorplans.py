@@ -8,6 +8,7 @@ import random
 import re
 import tarfile
 import tracemalloc
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -20,7 +21,7 @@ from rendezvous.interop.houseexpo_files import plan_files
 from rendezvous.plan_schema import plan_of
 from rendezvous.stages.floorplans import floorplans
 from rendezvous.store.read import StageReader
-from tests.conftest import MakeRun
+from tests.conftest import ROOT, MakeRun
 from tests.floorplan.plans import RADIUS_M
 from tests.toy_stage import folder_content
 
@@ -306,3 +307,19 @@ def test_genuine_houseexpo_plans_are_usable(make_run: MakeRun, real_data: Path):
     manifest = floorplans(run)
     assert manifest.counts() == {"candidates": 2, "plans": 2}
     assert {row["plan_id"][:4] for row in StageReader(run.folder("floorplans")).rows()} == {"0004", "0a1b"}
+
+
+def test_the_number_of_shards_is_known_unless_a_source_is_an_archive(make_run: MakeRun):
+    module = import_module("rendezvous.stages.floorplans")
+    folder = ROOT / "floorplans"
+    plans = len(list(folder.glob("*.json")))
+    overrides = [
+        "floorplans.plans_per_shard=2",
+        "floorplans.generate.count=5",
+        f"floorplans.sources=[{folder}]",
+    ]
+    section = make_run(overrides).config.floorplans
+    # Each source has shards of its own: none mixes them.
+    assert module._shard_count(section) == -(-plans // 2) + 3
+    archive = make_run([*overrides[:2], "floorplans.sources=[plans.tar.gz]"]).config.floorplans
+    assert module._shard_count(archive) is None

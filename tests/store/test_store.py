@@ -20,7 +20,7 @@ from rendezvous.store.read import Item, StageReader, chunks
 from rendezvous.store.records import Inputs, Manifest, Quarantined, Shard
 from rendezvous.store.tables import Layout, parquet_bytes
 from rendezvous.store.verify import stage_folders, verify
-from rendezvous.store.write import StageWriter
+from rendezvous.store.write import StageWriter, damage
 
 LAYOUT = Layout(item_column="id", uncompressed=("blob",))
 
@@ -406,3 +406,39 @@ def test_a_shard_of_other_items_is_one_that_all_else_is_the_same_for(changes: di
     new = replace(old, **({"items": {"q": "1"}} | changes))
     assert old.differs_in_items_only(new) is only_items
     assert new.differs_in_items_only(old) is only_items
+
+
+def test_what_is_wrong_with_a_file_is_told(finished: tuple[str, Manifest]):
+    root, manifest = finished
+    first, second = manifest.shards
+    path = local(root) / first.name
+    path.write_bytes(path.read_bytes() + b"xy")
+    assert damage(Disk(root), first.name, first.bytes, first.sha256) == (
+        f"file grown: {first.bytes + 2} bytes, should be {first.bytes}"
+    )
+    path.unlink()
+    assert damage(Disk(root), first.name, first.bytes, first.sha256) == "file missing"
+    assert damage(Disk(root), second.name, second.bytes, second.sha256) is None
+    writer = StageWriter(root, "toy", LAYOUT)
+    assert writer.reason_to_make(first.name, first.inputs) == "file missing"
+    (local(root) / ".shards" / f"{second.name}.json").unlink()
+    assert writer.reason_to_make(second.name, second.inputs) == "no record that it was finished"
+    assert writer.reason_to_make("part-00002.parquet", second.inputs) == "not made yet"
+
+
+def test_rows_of_items_come_in_the_order_asked_for_with_the_columns_asked_for(finished: tuple[str, Manifest]):
+    reader = StageReader(finished[0])
+    a, b, c = reader.items()
+    assert [item.item_id for item in (a, b, c)] == ["a", "b", "c"]
+    picked = list(reader.rows([c, b], item_column="id", columns=["n"]))
+    assert picked == [{"n": 0}, {"n": 1}] * 2
+    ids = [row["id"] for row in reader.rows([c, b, a], item_column="id")]
+    assert ids == ["c", "c", "b", "b", "a", "a"]
+    assert [row["id"] for row in reader.rows(columns=["id"])] == ["a", "a", "b", "b", "c", "c"]
+
+
+def test_items_are_grouped_within_their_shards():
+    items = [Item(item_id=str(n), digest="", shard="one" if n < 5 else "two") for n in range(8)]
+    assert [[item.item_id for item in group] for group in chunks(items, 2)] == [
+        ["0", "1"], ["2", "3"], ["4"], ["5", "6"], ["7"]
+    ]  # fmt: skip

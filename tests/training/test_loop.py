@@ -13,7 +13,7 @@ from rendezvous.training.batches import training_loader
 from rendezvous.training.checkpoint import checkpoint_bytes, read_checkpoint, restore_in_place
 from rendezvous.training.frame_error.data import TrainingBatches
 from rendezvous.training.frame_error.pairs import PairTable
-from rendezvous.training.loop import Processes, TrainingState, adamw, fit, learning_rate, update_average
+from rendezvous.training.loop import Processes, Step, TrainingState, adamw, fit, learning_rate, update_average
 from rendezvous.training.parameters import Budget, Optimisation
 from tests.training.tiny import SAMPLING, Losses, tiny_model
 
@@ -151,3 +151,25 @@ def test_a_budget_ends_with_its_first_bound():
     assert budget.spent(50, 1.0) == 0.5
     assert budget.spent(50, 9.0) == 0.9
     assert math.isclose(Budget(samples=None, duration_s=4.0).spent(10**9, 1.0), 0.25)
+
+
+def test_gradients_are_clipped_and_each_step_tells_its_norm_rate_and_share(pairs: PairTable):
+    settings = Optimisation(batch_size=4, learning_rate=1e-2, clip_norm=1e-3, precision="fp32")
+    state, steps = TrainingState.fresh(tiny_model(), settings), []
+
+    class Watching:
+        def after(self, state: TrainingState, step: Step) -> None:
+            norms = [p.grad.norm() for p in state.model.parameters() if p.grad is not None]
+            steps.append((step, float(torch.stack(norms).norm())))
+
+    batches = TrainingBatches(pairs, SAMPLING, seed=0, batch_size=4)
+    loader = training_loader(batches, first_step=0, workers=0, pin_memory=False)
+    fit(
+        state, loader, settings, BUDGET, seed=0, processes=Processes(), observer=Watching(), clock=lambda: 0.0
+    )
+    assert [clipped for _, clipped in steps] == pytest.approx([1e-3] * 12, rel=1e-3)
+    assert min(step.gradient_norm for step, _ in steps) > 1e-2
+    assert [step.spent for step, _ in steps] == pytest.approx([k / 12 for k in range(12)])
+    rates = [learning_rate(k / 12, settings, highest=1e-2) for k in range(12)]
+    assert [step.learning_rate for step, _ in steps] == pytest.approx(rates)
+    assert state.optimizer.param_groups[-1]["lr"] == pytest.approx(rates[-1])

@@ -174,10 +174,12 @@ def test_kinds_are_read_apart_and_free_images_not_at_all(data, images):
 
 
 def test_the_true_pose_is_that_of_the_robots(images):
-    for image in images:
-        if image.truth.kind == PLAUSIBLE and image.truth.T_r0_r1 is not None:
-            assert image.truth.T_r0_r1.y_m == pytest.approx(0.0, abs=1e-9)
-            assert 0.5 <= image.truth.T_r0_r1.x_m <= 3.0
+    plausible = [image.truth.T_r0_r1 for image in images if image.truth.kind == PLAUSIBLE]
+    poses = [pose for pose in plausible if pose is not None]
+    assert poses
+    for pose in poses:
+        assert pose.y_m == pytest.approx(0.0, abs=1e-9)
+        assert 0.5 <= pose.x_m <= 3.0
 
 
 def test_a_camera_that_stands_askew_changes_what_is_given_and_not_the_truth(data, tmp_path):

@@ -88,6 +88,8 @@ def test_bop_poses_project_the_model_where_the_cuboid_is(bop):
 def test_bop_boxes_are_corner_and_size(bop):
     out, _ = bop
     infos = _read(out / "train" / "000000" / "scene_gt_info.json")
+    assert HIDDEN in infos
+    assert sum(len(entries) for entries in infos.values()) > 1
     for i, entries in infos.items():
         label = label_columns(i)
         for entry in entries:
