@@ -211,3 +211,15 @@ def test_a_robot_that_sees_less_far_and_is_larger_is_drawn_so() -> None:
 def test_what_makes_an_alignment_wrong_is_half_a_metre_or_five_degrees() -> None:
     assert WRONG_M == 0.5
     assert math.degrees(WRONG_RAD) == approx(5.0)
+
+
+def test_what_lies_under_the_robot_does_not_hide_the_rest() -> None:
+    """Its own map may take the robot's place for occupied: what another robot saw there was the robot."""
+    occupied = np.zeros((80, 80), bool)
+    occupied[39:41, 39:41] = True
+    robot = RobotSight(range_m=1.5)
+    freely = seen_from(np.zeros((80, 80), bool), (0.0, 0.0), cell_m=0.05, robot=robot)
+    np.testing.assert_array_equal(seen_from(occupied, (0.0, 0.0), cell_m=0.05, robot=robot), freely)
+    occupied[:, 43] = True  # 0.15 m away: outside of its radius
+    hidden = seen_from(occupied, (0.0, 0.0), cell_m=0.05, robot=robot)
+    assert not hidden[:, 44:].any()

@@ -1,14 +1,23 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import shapely
 
 from rendezvous.errors import FloorplanError
-from rendezvous.floorplan.furnish import _FloorSpace, _free_poses, _wall_spots, furnish
-from rendezvous.floorplan.records import Floorplan, Shape, Solid
+from rendezvous.floorplan import catalogue
+from rendezvous.floorplan.furnish import (
+    _category,
+    _FloorSpace,
+    _free_poses,
+    _wall_poses,
+    _wall_spots,
+    furnish,
+)
+from rendezvous.floorplan.records import Floorplan, Room, Shape, Solid
 from rendezvous.floorplan.site import CELL_M, Site
 from rendezvous.floorplan.validate import reachable_space, start_regions, validated
 from rendezvous.seeds import stream
@@ -182,3 +191,50 @@ def test_every_start_region_is_a_room_of_its_own(index: int):
         point = region.representative_point()
         assert site.room_at(np.array([[point.x, point.y]])) == [room]
     assert [len(cells) > 0 for cells in site.cells_per_room()] == [True] * len(regions)
+
+
+def test_pieces_stand_with_their_backs_a_few_centimetres_from_a_wall():
+    """A wall along y = 2 with free space above: what stands there looks up, which is a yaw of 0."""
+    wardrobe = catalogue.wardrobe(np.random.default_rng(0))
+    spots = np.array([[1.0, 2.0, 0.5 * np.pi], [3.0, 2.0, 0.5 * np.pi]])
+    rng = np.random.default_rng(1)
+    poses = np.concatenate([_wall_poses(wardrobe, spots, rng) for _ in range(40)])
+    assert set(poses[:, 0].round(9)) == {1.0, 3.0}
+    gaps_m = poses[:, 1] - 2.0 - wardrobe.half_y_m
+    assert gaps_m.min() == pytest.approx(0.01, abs=0.002)
+    assert gaps_m.max() == pytest.approx(0.08, abs=0.002)
+    assert poses[:, 2].mean() == pytest.approx(0.0, abs=0.003)
+    assert poses[:, 2].std() == pytest.approx(0.01, rel=0.2)
+
+
+@pytest.mark.parametrize(
+    ("boxes_m", "category"),
+    [
+        ([(1.0, 1.0, 2.3, 5.0)], "a"),  # an intersection over union of a third
+        ([(1.0, 1.0, 2.1, 5.0)], ""),  # of a quarter
+        ([(1.0, 1.0, 4.0, 5.0), (1.0, 1.0, 5.0, 5.0), (0.0, 0.0, 9.0, 9.0)], "b"),
+        ([(6.0, 6.0, 9.0, 9.0)], ""),
+        ([], ""),
+    ],
+)
+def test_a_room_is_what_the_label_that_fits_it_best_says(boxes_m, category: str):
+    cells = np.argwhere(np.ones((200, 200), bool))
+    site = SimpleNamespace(origin_m=np.array([1.0, 1.0]))
+    room = SimpleNamespace(site=site, cells=cells * (4.0 / 200 / CELL_M))
+    labels = tuple(Room(category=name, box_m=box_m) for name, box_m in zip("abc", boxes_m, strict=False))
+    assert _category(room, labels) == category
+
+
+def test_spots_lie_evenly_along_walls_and_face_into_their_rooms():
+    plan = plan_of(TWO_ROOMS)
+    spots = _wall_spots(plan, Site(plan, robot_radius_m=RADIUS_M))
+    assert len(spots) == 2
+    for of_room, west in zip(sorted(spots, key=lambda s: s[:, 0].mean()), (True, False), strict=True):
+        ahead = of_room[:, :2] + 0.1 * np.stack([np.cos(of_room[:, 2]), np.sin(of_room[:, 2])], axis=1)
+        room = shapely.box(0.0, 0.0, 3.95, 4.0) if west else shapely.box(4.05, 0.0, 8.0, 4.0)
+        within = shapely.contains_xy(room, ahead)
+        assert within.mean() > 0.9  # all but those in the doorway
+        on_wall = shapely.distance(plan.free_space().boundary, shapely.points(of_room[:, :2]))
+        assert on_wall.max() < 1e-9
+        south = np.sort(of_room[(of_room[:, 1] == 0.0), 0])
+        assert np.diff(south) == pytest.approx(3.95 / 19, abs=1e-6)  # 19 stretches of at least 0.2 m

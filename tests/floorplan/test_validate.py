@@ -192,3 +192,21 @@ def test_jittered_corners_do_not_matter(index: int, seed: int, jitter_m: float):
     repaired = validated(jittered, robot_radius_m=RADIUS_M)
     assert repaired.free_space().is_valid
     assert repaired.free_space().area == pytest.approx(plan.free_space().area, rel=0.02)
+
+
+def test_limits_belong_to_what_they_allow():
+    plan = plan_of(TWO_ROOMS)  # 8 m x 4 m
+    for limits in (
+        FloorplanLimits(min_side_m=4.0, max_side_m=8.0),
+        FloorplanLimits(min_area_m2=plan.free_space().area),
+        FloorplanLimits(max_area_m2=plan.free_space().area),
+        FloorplanLimits(min_start_regions=2),
+    ):
+        assert validated(plan, limits=limits, robot_radius_m=RADIUS_M).plan_id == plan.plan_id
+    for message, limits in (
+        ("the sides must be", FloorplanLimits(min_side_m=4.001)),
+        ("the sides must be", FloorplanLimits(max_side_m=7.999)),
+        (r"2 room\(s\) to start in", FloorplanLimits(min_start_regions=3)),
+    ):
+        with pytest.raises(FloorplanError, match=message):
+            validated(plan, limits=limits, robot_radius_m=RADIUS_M)

@@ -144,3 +144,10 @@ def test_a_scan_at_table_height_sees_the_top_instead_of_the_legs():
     assert tops
     assert len(segments) == len(plan.edges_m()) + 4 * len(tops)
     assert len(lidar_outline(plan, tops, height_m=0.182)[0]) == len(plan.edges_m())
+
+
+def test_a_scan_sees_what_ends_or_begins_at_its_height():
+    solids = [solid(Shape.CYLINDER, 0.0, 0.2, half_x_m=0.1), solid(Shape.CYLINDER, 0.2, 0.5, half_x_m=0.2)]
+    for height_m, seen_m in ((0.2, [0.1, 0.2]), (0.19, [0.1]), (0.21, [0.2]), (0.51, [])):
+        _, circles = lidar_outline(plan_of(TWO_ROOMS), solids, height_m=height_m)
+        assert circles[:, 2].tolist() == seen_m
