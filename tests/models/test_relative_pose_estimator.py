@@ -178,3 +178,16 @@ def test_a_network_answers_any_image():
     found = estimator(rng.integers(0, 255, (480, 640, 3), np.uint8), CAMERA, before.T_r0_c)
     assert not found.found
     assert found.reason
+
+
+def test_at_most_three_places_are_looked_at_closely_and_each_once():
+    five = [np.array([3.0, y_m, 0.5, 0.0, 0.0, 0.0]) for y_m in (-1.2, -0.6, 0.0, 0.6, 1.2)]
+    places = drawing(observation(), *five)._candidates(IMAGE, CAMERA)
+    assert len(places) == 3
+    columns = sorted(centre_px[0] for centre_px, _ in places)
+    assert np.diff(columns).min() > 100.0  # 0.6 m at 3 m are 123 px
+    # Both first looks show a robot; its place and size are those in the image.
+    ((centre_px, span_px),) = drawing(observation(), five[2])._candidates(IMAGE, CAMERA)
+    uv_92 = observation().project(five[2][None])[0]
+    assert centre_px == pytest.approx(0.5 * (uv_92.min(axis=0) + uv_92.max(axis=0)), abs=2.0)
+    assert span_px == pytest.approx(np.ptp(uv_92, axis=0).max(), abs=3.0)
