@@ -68,6 +68,7 @@ def test_the_scenes_camera_has_the_fields_of_the_format(images):
     for entry in document.values():
         assert set(entry) == {"cam_K", "depth_scale"}
         assert np.array_equal(np.reshape(entry["cam_K"], (3, 3)), CAMERA.K())
+        assert entry["depth_scale"] == 1.0
 
 
 def test_poses_are_in_millimetres_and_row_by_row(images):
@@ -95,6 +96,8 @@ def test_the_meta_information_has_the_fields_of_the_format(images):
             "px_count_visib",
             "visib_fract",
         }
+    assert seen["px_count_valid"] == hidden["px_count_valid"] == 0  # there are no depth images
+    assert (hidden["px_count_all"], hidden["px_count_visib"]) == (80, 0)
     assert seen["bbox_visib"] == [10, 20, 19, 2]
     assert (seen["px_count_all"], seen["px_count_visib"], seen["visib_fract"]) == (80, 60, 0.75)
     assert hidden["bbox_obj"] == hidden["bbox_visib"] == [-1, -1, -1, -1]

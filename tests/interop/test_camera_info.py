@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from rendezvous.errors import CameraError
 from rendezvous.geometry.camera import PinholeCamera
-from rendezvous.interop.camera_info import CameraInfo, read_camera_info, write_camera_info
+from rendezvous.interop.camera_info import CameraInfo, camera_info_bytes, read_camera_info, write_camera_info
 
 CAMERA = PinholeCamera(fx_px=410.0, fy_px=405.0, cx_px=322.5, cy_px=236.0, width_px=640, height_px=480)
 LENSES = {
@@ -345,3 +345,22 @@ def test_coefficients_of_zero_bend_nothing_under_any_name(tmp_path, model, count
 def test_coefficients_of_another_model_are_refused(tmp_path, model):
     with pytest.raises(CameraError, match=f"distortion_model is '{model}'; must be one of plumb_bob"):
         read_camera_info(_file(tmp_path, _lens(model, [0.1] * 5)))
+
+
+def test_the_file_of_a_camera_is_that_of_ros_for_images_that_are_rectified():
+    camera = PinholeCamera(fx_px=610.0, fy_px=620.0, cx_px=300.0, cy_px=250.0, width_px=640, height_px=480)
+    K = [610.0, 0.0, 300.0, 0.0, 620.0, 250.0, 0.0, 0.0, 1.0]
+    assert yaml.safe_load(camera_info_bytes(camera, "front")) == {
+        "image_width": 640,
+        "image_height": 480,
+        "camera_name": "front",
+        "camera_matrix": {"rows": 3, "cols": 3, "data": K},
+        "distortion_model": "plumb_bob",
+        "distortion_coefficients": {"rows": 1, "cols": 5, "data": [0.0] * 5},
+        "rectification_matrix": {"rows": 3, "cols": 3, "data": [1.0, 0, 0, 0, 1.0, 0, 0, 0, 1.0]},
+        "projection_matrix": {
+            "rows": 3,
+            "cols": 4,
+            "data": [610.0, 0.0, 300.0, 0.0, 0.0, 620.0, 250.0, 0.0, 0.0, 0.0, 1.0, 0.0],
+        },
+    }

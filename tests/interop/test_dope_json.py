@@ -49,6 +49,11 @@ def test_the_file_has_the_fields_that_dope_reads(pose):
     assert {"class", "name", "provenance", "visibility", "location", "quaternion_xyzw"} <= set(entry)
     assert entry["class"] == "burger"
     assert entry["visibility"] == 0.75
+    assert (entry["px_count_visib"], entry["px_count_all"], entry["name"]) == (750, 1000, "burger_000")
+    # The camera's frame is the file's world.
+    assert camera["camera_view_matrix"] == np.eye(4).tolist()
+    assert camera["location_worldframe"] == [0.0, 0.0, 0.0]
+    assert camera["quaternion_xyzw_worldframe"] == [0.0, 0.0, 0.0, 1.0]
     assert np.array(entry["projected_cuboid"]).shape == (9, 2)
     assert entry["location"] == pytest.approx(100.0 * pose[:3, 3])
     assert np.linalg.norm(entry["quaternion_xyzw"]) == pytest.approx(1.0)
