@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import io
 import json
+from types import SimpleNamespace
 
 import pytest
 from markupsafe import Markup
@@ -11,7 +12,7 @@ from rendezvous.commands.evaluate.frame_error import RECORDS
 from rendezvous.commands.evaluate.fusion import FUSION_RECORDS
 from rendezvous.commands.evaluate.kept import RecordFolder, keep_evaluation, kept_metrics
 from rendezvous.commands.evaluate.relative_pose import POSE_RECORDS
-from rendezvous.errors import StoreError
+from rendezvous.errors import ConfigError, StoreError
 from rendezvous.evaluation.frame_error.measured_row import MeasuredRow
 from rendezvous.evaluation.fusion.summary import FusionFigures
 from rendezvous.evaluation.relative_pose.summary import PoseSummary
@@ -97,3 +98,34 @@ def test_figures_that_come_with_the_project_are_read_and_stand_under_their_names
 def test_every_method_has_a_recorded_row():
     rows = RecordFolder.read(RECORDS, MeasuredRow, command="evaluate").rows
     assert {row.method for row in rows.values()} == set(METHODS)
+
+
+class _Conditions:
+    """Of a row that was measured on so many pairs."""
+
+    def __init__(self, count: int, split: str = "test") -> None:
+        self.measured_on, self.split = (count, "pairs"), split
+
+    def file_name(self, name: str) -> str:
+        return f"{name}.json"
+
+
+def test_only_a_row_that_was_measured_on_more_is_not_recorded_over(tmp_path):
+    row = SimpleNamespace(name="orb", conditions=_Conditions(100))
+    other = SimpleNamespace(name="matcher", conditions=_Conditions(100, "validation"))
+    folder = RecordFolder(disk=Disk(str(tmp_path)), rows={"orb.json": row, "matcher.json": other})
+    folder.require_no_loss(["orb"], _Conditions(100))
+    folder.require_no_loss(["hough"], _Conditions(1))
+    with pytest.raises(ConfigError, match=r"orb\.json: recorded from 100 pairs, .* replace by 99; measure"):
+        folder.require_no_loss(["hough", "orb"], _Conditions(99))
+    assert folder.of_split("test") == {"orb": row}
+
+
+def test_folders_below_are_of_other_evaluations(tmp_path):
+    for name in ("a.json", "below/b.json", "c.txt"):
+        Disk(str(tmp_path)).write(name, b"no row")
+    with pytest.raises(StoreError, match=r"a\.json"):
+        RecordFolder.read(tmp_path, MeasuredRow, command="evaluate")
+    (tmp_path / "a.json").unlink()
+    assert RecordFolder.read(tmp_path, MeasuredRow, command="evaluate").rows == {}
+    assert RecordFolder.read(tmp_path / "nowhere", MeasuredRow, command="evaluate").rows == {}
