@@ -15,12 +15,13 @@ from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 
 import psutil
 import pytest
 
 from rendezvous.engine.pool import Engine
-from rendezvous.engine.run import Task, part_name
+from rendezvous.engine.run import Task, _Work, part_name
 from rendezvous.errors import PipelineError, SetupError, StoreError
 from rendezvous.store.disk import Disk
 from rendezvous.store.read import StageReader
@@ -354,3 +355,18 @@ def test_a_stages_folder_is_in_the_data_folder_however_that_is_written():
     assert [part_name(n) for n in (0, 42, 123456)] == [
         "part-00000.parquet", "part-00042.parquet", "part-123456.parquet"
     ]  # fmt: skip
+
+
+def test_shards_are_reported_as_kept_or_made_with_their_rows(tmp_path: Path):
+    build(tmp_path, toy_tasks(item_names(3)))
+    advanced: list[tuple[int, bool]] = []
+    report = SimpleNamespace(
+        advance=lambda rows, *, made: advanced.append((rows, made)), say=lambda line: None
+    )
+    writer = StageWriter(str(tmp_path / STAGE), STAGE, LAYOUT)
+    with writer.locked():
+        work = _Work(writer, report)
+        (call,) = work.calls(toy_tasks(item_names(5))[:1] + toy_tasks(item_names(5))[2:], lambda: None)
+        work.made(call())
+    assert advanced == [(6, False), (3, True)]
+    assert [record.name for record in work.records_in_order()] == [part_name(0), part_name(2)]

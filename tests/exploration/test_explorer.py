@@ -171,3 +171,9 @@ def test_where_nothing_can_be_reached_the_robot_looks_around() -> None:
     explorer._goals.path_m = lambda *args, **kwargs: np.zeros((0, 2))  # type: ignore[method-assign]
     assert explorer._wanted_twist(AT) == (0.0, 0.5 * TURN_RADPS)
     assert explorer._plan_until_s == explorer._time_s + 4.0
+
+
+def test_what_lies_behind_on_the_path_is_forgotten() -> None:
+    explorer = following([(0.1 * k, 0.0) for k in range(10)])
+    explorer._follow(np.array([0.32, 0.01, 0.0]))
+    assert explorer._path_m[:, 0] == approx(0.1 * np.arange(3, 10))

@@ -357,3 +357,28 @@ def test_the_known_area_is_that_of_free_and_occupied_cells() -> None:
             np.array([[0.52, 0.02]]), np.full((1, 2), 0.02), np.ones(1, bool), np.zeros(1, bool), np.zeros(3)
         )
     assert mapper.known_area_m2() == approx(11 * 0.05**2)  # ten cells on the way and the one that was hit
+
+
+def test_a_lone_point_and_the_prior_meet_where_their_weights_balance() -> None:
+    """The wall's variance: the point's, 1 cm over its root weight, and 5 mm; both are Cauchy-weighted."""
+    p = replace(MatchParameters(), iterations=50)
+    wall = SurfaceMap(extent_m=20.0, cell_m=p.cell_m, same_side=p.same_side, max_weight=p.max_weight)
+    normal = np.array([[0.0, -1.0]])
+    wall.insert(np.array([[0.0, 1.05]]), normal, np.full(1, 0.01), np.zeros(3))
+    pose, _ = match_scan(
+        wall, np.array([[0.0, 1.02]]), normal, np.full(1, 0.02), np.zeros(3),
+        travelled=np.array([0.1, 0.0, 0.0]), parameters=p,
+    )  # fmt: skip
+    # Straight ahead a heading does not matter: y alone moves, from 0 towards 0.03.
+    sigma_m = p.prior_xy_m + 0.1 * p.prior_xy_per_m
+    variance = 0.02**2 + 1e-4 + 2.5e-5
+
+    def pull(y_m: float) -> float:
+        off, left_m = y_m / sigma_m, 0.03 - y_m
+        return left_m / (variance + left_m**2 / 4.0) - y_m / sigma_m**2 / (1.0 + off**2 / 9.0)
+
+    low, high = 0.0, 0.03
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if pull(middle) > 0.0 else (low, middle)
+    assert pose == approx([0.0, low, 0.0], abs=2e-5)
