@@ -238,3 +238,4 @@ def test_spots_lie_evenly_along_walls_and_face_into_their_rooms():
         assert on_wall.max() < 1e-9
         south = np.sort(of_room[(of_room[:, 1] == 0.0), 0])
         assert np.diff(south) == pytest.approx(3.95 / 19, abs=1e-6)  # 19 stretches of at least 0.2 m
+        assert south[0] - room.bounds[0] == pytest.approx(0.5 * 3.95 / 19)
