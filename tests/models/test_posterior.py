@@ -174,3 +174,29 @@ def test_a_prior_s_search_reaches_its_tails_wherever_it_looks():
     assert search.xy_m == pytest.approx(1.0 + 0.6)
     assert search.yaw_rad == pytest.approx(math.pi / 2 + 0.4)
     assert Gaussian(mean=SE2(0.0, 0.0, 3.0), covariance=np.eye(3)).search().yaw_rad == math.pi
+
+
+def test_a_distribution_seen_in_cells_is_as_much_wider_as_a_cell_is():
+    seen = Gaussian(mean=SE2(1.0, 2.0, 3.0), covariance=np.diag([0.01, 0.02, 0.03])).through_cells(0.6, 0.3)
+    assert seen.covariance == pytest.approx(np.diag([0.01 + 0.03, 0.02 + 0.03, 0.03 + 0.0075]))
+    assert seen.mean == SE2(1.0, 2.0, 3.0)
+
+
+def test_a_grid_holds_what_lies_within_its_cells():
+    grid = Posterior(
+        headings_rad=np.pi + np.array([-0.1, 0.0, 0.1]),
+        ys_m=np.array([1.0, 1.2, 1.4, 1.6, 1.8]),
+        xs_m=np.array([-0.4, 0.0, 0.4]),
+        log_p_HYX=np.zeros((3, 5, 3)),
+    )
+    for x_m, y_m, yaw_rad, held in (
+        (0.59, 1.89, -np.pi + 0.149, True),
+        (-0.59, 0.91, np.pi - 0.149, True),
+        (0.61, 1.4, np.pi, False),
+        (-0.61, 1.4, np.pi, False),
+        (0.0, 1.91, np.pi, False),
+        (0.0, 0.89, np.pi, False),
+        (0.0, 1.4, -np.pi + 0.151, False),
+        (0.0, 1.4, np.pi - 0.151, False),
+    ):
+        assert grid.holds(SE2(x_m, y_m, yaw_rad)) == held
