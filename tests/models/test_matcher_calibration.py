@@ -152,3 +152,10 @@ def test_a_calibration_is_kept_as_numbers():
         MatcherCalibration.from_dict({**calibration.as_dict(), "scale": "wide"})
     with pytest.raises(ConfigError, match="least_mass"):
         MatcherCalibration.from_dict({**calibration.as_dict(), "least_mass": 1.5})
+
+
+def test_a_calibrated_covariance_is_scaled_and_has_a_floor_for_each_component():
+    told = np.array([[0.04, 0.01, 0.002], [0.01, 0.09, 0.0], [0.002, 0.0, 0.01]])
+    calibration = MatcherCalibration(scale=2.0, floor_m=0.3, floor_rad=0.1)
+    expected = 2.0 * told + np.diag([0.09, 0.09, 0.01])
+    np.testing.assert_allclose(calibration.covariance(np.stack([told, told])), np.stack([expected] * 2))
