@@ -138,3 +138,20 @@ def test_the_bounds_of_the_range_belong_to_it() -> None:
             min_range_m=low_m, max_range_m=high_m,
         )  # fmt: skip
         assert (again is not None) == is_seen
+
+
+def test_a_disc_at_the_cameras_own_height_hides_only_what_is_behind_it() -> None:
+    # At half way the lines of sight to the three rows of samples pass at 0.06, 0.108 and 0.156 m.
+    seen = view(SE2(2.0, 0.0, 0.0), obstacles(circles=[[1.0, 0.0, 0.02, 0.112, 0.130]]))
+    assert seen is not None
+    assert seen.visible_fraction == 1.0
+
+
+def test_a_camera_that_looks_down_sees_farther_to_the_side() -> None:
+    high = replace(
+        burger(), camera=replace(burger().camera, xyz_m=(0.034, 0.0, 1.5), rpy_rad=(0.0, 1.0, 0.0))
+    )
+    beside = SE2(0.8 * math.cos(1.0), 0.8 * math.sin(1.0), 0.0)
+    seen = sight(high, burger(), SE2.identity(), beside, obstacles(), min_range_m=0.4, max_range_m=4.0)
+    assert seen is not None
+    assert seen.visible_fraction > 0.5

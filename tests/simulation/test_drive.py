@@ -288,3 +288,9 @@ def test_fenders_cover_the_upper_half_of_the_wheels() -> None:
     ]  # fmt: skip
     assert model.geom_size[geoms[0], :2] == approx([0.069, 0.07])
     assert model.geom_size[geoms[1]] == approx([0.033, 0.009, 0.0165])
+
+
+def test_a_robot_turns_right_no_faster_than_left() -> None:
+    slow = replace(burger(), max_turn_rate_radps=0.3)
+    left, right = slow.wheel_speeds(0.0, 1.5)
+    assert slow.wheel_speeds(0.0, -1.5) == (right, left)

@@ -14,7 +14,7 @@ from rendezvous.geometry.se2 import Array
 from rendezvous.simulation.rays import cast_rays, ray_scene
 from rendezvous.simulation.robot import beam_bearings
 from rendezvous.slam.mapping import MappingParameters, OccupancyMapper
-from rendezvous.slam.scan_match import MatchParameters, match_scan, scan_normals
+from rendezvous.slam.scan_match import MatchParameters, _add_point_terms, match_scan, scan_normals
 from rendezvous.slam.slam import Slam, SlamParameters, Sweep, compose, deskew, open_space, relative
 from rendezvous.slam.surface_map import SurfaceMap
 from tests.simulation.scenes import burger, room_segments
@@ -382,3 +382,23 @@ def test_a_lone_point_and_the_prior_meet_where_their_weights_balance() -> None:
         middle = 0.5 * (low + high)
         low, high = (middle, high) if pull(middle) > 0.0 else (low, middle)
     assert pose == approx([0.0, low, 0.0], abs=2e-5)
+
+
+def test_points_add_the_normal_equations_of_their_distances_from_lines() -> None:
+    pose, points = np.array([0.3, -0.2, 0.7]), np.array([[1.0, 0.2], [0.4, -1.1], [2.0, 2.0]])
+    sigma_m, matched = np.array([0.01, 0.03, 0.02]), np.array([1, 0, -1], np.int32)
+    elements = np.array([[1.2, -0.9, 0.6, 0.8, 2.0, 1.0], [1.0, 0.6, -0.8, 0.6, 5.0, 1.0]])
+
+    def residuals(at: Array) -> Array:
+        c, s = math.cos(at[2]), math.sin(at[2])
+        moved = at[:2] + points[:2] @ np.array([[c, s], [-s, c]])
+        lines = elements[matched[:2]]
+        return (lines[:, 2:4] * (moved - lines[:, :2])).sum(axis=1)
+
+    r, step = residuals(pose), 1e-6
+    J = np.stack([(residuals(pose + d) - residuals(pose - d)) / (2 * step) for d in step * np.eye(3)], axis=1)
+    w = 1.0 / (sigma_m[:2] ** 2 + 1e-4 / elements[matched[:2], 4] + 2.5e-5 + r**2 / 4.0)
+    H, g = np.eye(3), np.ones(3)
+    _add_point_terms(points, sigma_m, matched, elements, pose, H, g)
+    np.testing.assert_allclose(H, np.eye(3) + J.T @ (w[:, None] * J), rtol=1e-6)
+    np.testing.assert_allclose(g, 1.0 + J.T @ (w * r), rtol=1e-6)

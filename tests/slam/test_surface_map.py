@@ -79,3 +79,13 @@ def test_a_surface_grows_past_its_first_4096_elements() -> None:
         seen.insert(points, np.tile([0.0, -1.0], (2000, 1)), np.full(2000, 0.01), ORIGIN)
     assert seen.surface.elements[5999, [X, Y]] == approx([x_m[-1], 3.05])
     assert nearest(-149.95, 1.05, 0.0, -1.0, seen.surface, 0.15) == 0
+
+
+def test_the_nearest_element_may_lie_in_any_cell_around() -> None:
+    for dx in (-0.04, 0.0, 0.04):
+        for dy in (-0.04, 0.0, 0.04):
+            seen = surface()
+            # The point lies 1 cm or less from a corner of its cell, on the side where the element is.
+            x, y = 0.05 + dx, 0.05 + dy
+            insert(seen, (x + dx, y + dy), (1.0, 0.0), 0.01)
+            assert nearest(x, y, 1.0, 0.0, seen.surface, 0.15) == 0

@@ -11,7 +11,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from rendezvous.store.tables import column_types, content_digest, item_digests
+from rendezvous.store.tables import Layout, column_types, content_digest, item_digests, parquet_bytes
 
 IMAGE = pa.struct([("bytes", pa.binary()), ("path", pa.string())])
 SCHEMA = pa.schema(
@@ -176,3 +176,17 @@ def test_items_of_a_chunked_table_have_the_digests_of_a_whole_one():
     whole = pa.table({"id": ids, "value": values})
     pieces = pa.table({"id": ids, "value": pa.chunked_array([values.slice(0, 3), values.slice(3, 3)])})
     assert item_digests(pieces, "id") == item_digests(whole, "id")
+
+
+def test_columns_that_are_compressed_already_are_stored_as_they_are():
+    table = pa.table({"id": ["b", "a"], "blob": [b"x" * 100, b"y" * 100]})
+    file = pq.ParquetFile(pa.BufferReader(parquet_bytes(table, Layout(uncompressed=("blob",)))))
+    columns = [file.metadata.row_group(0).column(i) for i in range(2)]
+    assert {c.path_in_schema: c.compression for c in columns} == {"id": "ZSTD", "blob": "UNCOMPRESSED"}
+
+
+def test_items_stand_in_the_order_in_which_they_appear():
+    table = pa.table({"id": ["b", "a", "b", "c"], "n": [0, 1, 2, 3]})
+    digests = item_digests(table, "id")
+    assert list(digests) == ["b", "a", "c"]
+    assert digests["b"] == content_digest(table.take([0, 2]))

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from rich.console import Console
 
-from rendezvous.commands.evaluate.measuring import EvaluationSettings, Measurement, measured
+from rendezvous.commands.evaluate.measuring import EvaluationSettings, Measurement, cache_key, measured
 from rendezvous.evaluation.json_record import JsonRecord
 
 
@@ -65,3 +65,12 @@ def test_a_damaged_cache_is_made_anew(tmp_path):
     found, told = _measured(tmp_path, 20)
     assert "before" not in told
     assert found == [number**2 for number in range(20)]
+
+
+def test_times_of_more_workers_are_other_outcomes():
+    measurement = Measurement(
+        command="square", cache="cache", name="toy", items_name="numbers", measure=_squares, outcome=Square,
+        key={"count": 3},
+    )  # fmt: skip
+    keys = [cache_key(measurement, workers=workers) for workers in (1, 2, 1)]
+    assert keys[0] == keys[2] != keys[1]
