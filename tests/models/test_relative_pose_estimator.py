@@ -121,6 +121,17 @@ def test_what_is_hardly_like_a_robot_is_none():
     assert 0.0 < found.score < 0.5
     bold = replace(faint, calibration=replace(faint.calibration, least_score=0.0))
     assert bold(IMAGE, CAMERA, before.T_r0_c).found
+    just = replace(faint, calibration=replace(faint.calibration, least_score=found.score))
+    assert just(IMAGE, CAMERA, before.T_r0_c).found
+
+
+def test_one_close_look_is_taken_unless_more_are_asked_for():
+    before = observation()
+    estimator = drawing(before, np.array([1.3, 0.2, 2.0, 0.0, 0.0, 0.0]))
+    detection = estimator.detection(IMAGE, before)
+    assert detection is not None
+    assert len(detection.looks) == 1
+    assert estimator.looks == 1
 
 
 @pytest.mark.parametrize("x_m", [0.4, 0.6, 1.2, 2.5, 4.5])

@@ -153,6 +153,8 @@ def test_readings_are_as_probable_as_they_are_right():
         both.sort(key=lambda one: -one.log_evidence)
         right.append(ReadImage(readings=tuple(both), T_r0_r1=truth))
     assert with_sharpness(PoseCalibration(), right).sharpness == pytest.approx(0.25, rel=0.3)
+    alone = ReadImage(readings=(reading(SE2(1.0, 0.0, 0.0)),), T_r0_r1=SE2(1.0, 0.0, 0.0))
+    assert with_sharpness(PoseCalibration(), [*right, alone]) == with_sharpness(PoseCalibration(), right)
     assert PoseCalibration(sharpness=0.5).masses([0.0, -2.0]) == pytest.approx([0.731, 0.269], abs=1e-3)
 
 

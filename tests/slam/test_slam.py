@@ -263,6 +263,8 @@ def test_a_short_sighted_lidar_clears_no_farther_than_it_sees() -> None:
         (lambda: MatchParameters(cell_m=0.0), "MatchParameters: cell_m is 0.0; must be from 0.02 to 1"),
         (lambda: MatchParameters(iterations=0), "iterations is 0"),
         (lambda: MappingParameters(resolution_m=1e-9), "resolution_m is 1e-09"),
+        (lambda: MappingParameters(free=0.01), "free is 0.01; must be from -4 to 0"),
+        (lambda: MappingParameters(occupied=-0.01), "occupied is -0.01; must be from 0 to 4"),
         (lambda: SlamParameters(extent_m=-5.0), "extent_m is -5.0"),
         (
             lambda: SlamParameters(extent_m=400.0, mapping=MappingParameters(resolution_m=0.01)),
