@@ -127,7 +127,7 @@ def test_parameters_are_told_by_their_full_keys_without_those_left_out():
         (f"seed={2**63}", f"seed is {2**63}; must be less than or equal to {2**63 - 1}"),
         ("seed=2024-13-45", "month must be in 1..12"),
         ("explore={[1]: 2}", "[1] cannot be a key"),
-        ("meshes.robot=" + "[" * 10_000, "recursion"),
+        ("meshes.robot=" + "[" * 10_000, "nested more than 40 levels deep"),
         ("explore.episodes_per_plan", "must be KEY=VALUE, such as explore.episodes_per_plan=10"),
         ("explore..x=1", "must be KEY=VALUE"),
         ("explore.episodes_per_plan=[", "expected the node content"),
@@ -137,7 +137,7 @@ def test_parameters_are_told_by_their_full_keys_without_those_left_out():
 def test_a_wrong_override_is_told_with_key_value_and_what_is_right(override: str, said: str):
     message = message_of(override)
     assert said in message
-    assert override in message or "texts, lists" in message
+    assert override[:80] in message or "texts, lists" in message
 
 
 def test_a_rooms_own_contract_is_a_config_error():

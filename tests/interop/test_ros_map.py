@@ -246,7 +246,7 @@ def test_a_negated_map_is_read_the_other_way_round(tmp_path):
         ),
         ("free_thresh: 0.196", "free_thresh: .nan", "free_thresh is nan; must be a probability"),
         ("free_thresh: 0.196", "free_thresh: 0.66", r"free_thresh 0\.66 is above occupied_thresh 0\.65"),
-        ("free_thresh: 0.196", "free_thresh: &a [*a]", r"free_thresh is \[.*\]; must be a probability"),
+        ("free_thresh: 0.196", "free_thresh: &a [*a]", r"free_thresh\[0\]: \*a is part of what"),
     ],
 )
 def test_a_faulty_map_is_named_with_its_fault(tmp_path, old, new, message):

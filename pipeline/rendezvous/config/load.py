@@ -11,8 +11,10 @@ from rendezvous.config.sections import Parameters
 from rendezvous.config.stage_table import STAGES
 from rendezvous.config.strict import Section, load_file, load_value, validated_section
 from rendezvous.errors import ConfigError
+from rendezvous.interop.bounded_yaml import MOST_LEVELS
 
 _RIGHT = "a YAML mapping with seed, stages and presets; --config FILE names another"
+_SHOWN_LETTERS = 200
 _FOLDER_PATTERN = re.compile(r"[a-z0-9][a-z0-9_-]*")
 
 
@@ -56,7 +58,7 @@ def load_config(
         f"{path}: stages": {name: stage.parameters for name, stage in file.stages.items()},
         f"{path}: presets.{preset}": _preset(file, preset, str(path)),
     }
-    layers |= {f"--set {override}": _override(override) for override in overrides}
+    layers |= {_shown(override): _override(override) for override in overrides}
     if seed is not None:
         layers[f"--seed {seed}"] = {"seed": seed}
     values: dict[str, Any] = {"seed": file.seed}
@@ -107,12 +109,20 @@ def _preset(file: _StagesFile, preset: str, path: str) -> dict[str, Any]:
 
 def _override(text: str) -> dict[str, Any]:
     key, equals, value = text.partition("=")
-    if not equals or not all(key.split(".")):
-        raise ConfigError(f"--set {text}: must be KEY=VALUE, such as explore.episodes_per_plan=10")
-    nested: Any = load_value(value, where=f"--set {text}")
-    for name in reversed(key.split(".")):
+    names = key.split(".")
+    named = all(name and name.isprintable() for name in names)  # half a character is not printable
+    if not equals or not named or len(names) > MOST_LEVELS:
+        raise ConfigError(f"{_shown(text)}: must be KEY=VALUE, such as explore.episodes_per_plan=10")
+    nested: Any = load_value(value, where=_shown(text))
+    for name in reversed(names):
         nested = {name: nested}
     return dict(nested)
+
+
+def _shown(override: str) -> str:
+    """The option as it fits on the one line of a message."""
+    line = " ".join(override[: _SHOWN_LETTERS + 1].split())
+    return f"--set {line}" if len(override) <= _SHOWN_LETTERS else f"--set {line[:_SHOWN_LETTERS]}..."
 
 
 def _overlaid(values: Mapping[str, Any], layer: Mapping[str, Any]) -> dict[str, Any]:

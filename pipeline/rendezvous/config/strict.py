@@ -15,10 +15,14 @@ import yaml
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from rendezvous.errors import ConfigError, PipelineError
+from rendezvous.interop.bounded_yaml import BoundedLoader, YamlFault, load_document
+from rendezvous.interop.given_file import given_bytes
 
 Validated = TypeVar("Validated", bound=BaseModel)
 Layers = Mapping[str, Mapping[str, Any]]
 
+_MOST_BYTES = 1_000_000
+_MERGE = "tag:yaml.org,2002:merge"
 _UNKNOWN_KEY = ("extra_forbidden", "unexpected_keyword_argument")
 _MISSING_KEY = ("missing", "missing_argument", "missing_keyword_only_argument")
 _MOVED = {
@@ -86,7 +90,7 @@ def _fault_line(fault: Any, section: type[BaseModel], file: str, layers: Layers)
     if key in _MOVED:
         return f"{where}: key {key!r} is gone; it is now {_MOVED[key]}"
     if fault["type"] in _UNKNOWN_KEY:
-        return f"{where}: unknown key {key!r}; {_nearest(str(path[-1]), _known_keys(section, path[:-1]))}"
+        return f"{where}: unknown key {key!r:.100}; {_nearest(str(path[-1]), _known_keys(section, path[:-1]))}"
     if fault["type"] in _MISSING_KEY:
         return f"{where}: key {key!r} is missing"
     return f"{where}: {key} is {fault['input']!r:.60}; {fault['msg'].replace('Input should', 'must')}"
@@ -121,16 +125,18 @@ def _nearest(key: str, known: Sequence[str]) -> str:
     return f"the nearest known key is {near[0]!r}" if near else f"known keys are {', '.join(known)}"
 
 
-class _Loader(yaml.SafeLoader):
+class _Loader(BoundedLoader):
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
         seen: set[Any] = set()
-        for key_node, _ in node.value:
+        for key_node, _ in node.value if isinstance(node, yaml.MappingNode) else ():
+            line = key_node.start_mark.line + 1
+            if key_node.tag == _MERGE:
+                raise YamlFault("a merge key (<<) is not read here; write its keys out", line=line)
             key = self.construct_object(key_node, deep=True)
-            if not isinstance(key, Hashable) or key in seen:
-                problem = (
-                    f"key {key!r} is given twice" if isinstance(key, Hashable) else f"{key!r} cannot be a key"
-                )
-                raise yaml.MarkedYAMLError(problem=problem, problem_mark=key_node.start_mark)
+            if not isinstance(key, Hashable):
+                raise YamlFault(f"{key!r:.60} cannot be a key", line=line)
+            if key in seen:
+                raise YamlFault(f"key {key!r:.60} is given twice", line=line)
             seen.add(key)
         return super().construct_mapping(node, deep=deep)
 
@@ -148,7 +154,7 @@ def load_file(path: str | Path, *, right: str) -> dict[str, Any]:
         ConfigError: there is no such file, or it is not a YAML mapping.
     """
     try:
-        text = Path(path).read_text(encoding="utf-8")
+        text = given_bytes(Path(path), most_bytes=_MOST_BYTES).decode("utf-8")
     except OSError as error:
         raise ConfigError(f"{path}: {(error.strerror or str(error)).lower()}; must be {right}") from error
     except UnicodeDecodeError as error:
@@ -164,13 +170,10 @@ def load_value(text: str, *, where: str) -> Any:
     """One value written as YAML.
 
     Raises:
-        ConfigError: it is not YAML.
+        ConfigError: it is not YAML, or larger or deeper than any configuration; see `bounded_yaml`.
     """
     try:
-        return yaml.load(text, Loader=_Loader)  # a SafeLoader
-    except yaml.MarkedYAMLError as error:
-        mark = error.problem_mark
-        line = f":{mark.line + 1}" if mark is not None and "\n" in text else ""
-        raise ConfigError(f"{where}{line}: {error.problem or error.context}") from error
-    except (yaml.YAMLError, ValueError, RecursionError) as error:  # such as the date 2024-13-45
-        raise ConfigError(f"{where}: {' '.join(str(error).split())}") from error
+        return load_document(text, _Loader, more_may_follow=False)
+    except YamlFault as error:
+        line = f":{error.line}" if error.line is not None and "\n" in text else ""
+        raise ConfigError(f"{where}{line}: {error.what}") from error

@@ -11,16 +11,19 @@ from typing import Any
 import yaml
 
 from rendezvous.errors import PipelineError
+from rendezvous.interop.bounded_yaml import BoundedLoader, YamlFault, load_document
 from rendezvous.interop.given_file import given_bytes
 
 MOST_BYTES = 10_000_000
-"""PyYAML takes a minute for this much; a larger file is something else, such as a bag of messages."""
+"""A larger file is something else, such as a bag of messages; of a smaller one the first document is read."""
 
 _SHOWN_LETTERS = 100
 
 
-class _Loader(yaml.SafeLoader):
+class _Loader(BoundedLoader):
     """Ignores tags that are not YAML's own, such as OpenCV's, and what makes a date, as yaml-cpp does."""
+
+    HALF_CHARACTERS = True
 
 
 def _as_written(loader: _Loader, node: yaml.Node) -> Any:
@@ -50,8 +53,8 @@ def read_yaml_fields(path: Path, error: type[PipelineError], *, right: str) -> d
         data = given_bytes(path, most_bytes=MOST_BYTES)
         wide = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
         text = data.decode("utf-16" if wide else "utf-8", errors="replace").replace("\t", " ")
-        fields = next(iter(yaml.load_all(text, _Loader)), None)
-    except (OSError, ValueError, RecursionError, yaml.YAMLError) as cause:
+        fields = load_document(text, _Loader, more_may_follow=True)
+    except (OSError, UnicodeError, YamlFault) as cause:
         why = cause.strerror if isinstance(cause, OSError) else " ".join(str(cause).split())
         raise error(f"{path}: cannot be read as YAML ({why}); must be {right}") from cause
     if not isinstance(fields, dict):
