@@ -90,7 +90,9 @@ def _fault_line(fault: Any, section: type[BaseModel], file: str, layers: Layers)
     if key in _MOVED:
         return f"{where}: key {key!r} is gone; it is now {_MOVED[key]}"
     if fault["type"] in _UNKNOWN_KEY:
-        return f"{where}: unknown key {key!r:.100}; {_nearest(str(path[-1]), _known_keys(section, path[:-1]))}"
+        return (
+            f"{where}: unknown key {key!r:.100}; {_nearest(str(path[-1]), _known_keys(section, path[:-1]))}"
+        )
     if fault["type"] in _MISSING_KEY:
         return f"{where}: key {key!r} is missing"
     return f"{where}: {key} is {fault['input']!r:.60}; {fault['msg'].replace('Input should', 'must')}"
