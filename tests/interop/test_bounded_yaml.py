@@ -1,4 +1,4 @@
-"""YAML that is made to hang, to blow up or to end in a traceback is one line; so is it for every reader of it."""
+"""YAML that is made to hang, to blow up or to end in a traceback is one line for each of its readers."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from rendezvous.interop.bounded_yaml import (
     MOST_LEVELS,
     MOST_WEIGHT,
     BoundedLoader,
-    YamlFault,
+    FaultyYamlError,
     load_document,
 )
 from rendezvous.interop.camera_info import read_camera_info
@@ -114,7 +114,7 @@ def test_a_hostile_key_of_an_override_is_one_line(key: str):
 
 
 def test_what_is_too_large_is_told_by_its_full_key():
-    with pytest.raises(YamlFault, match=r"\Aline 3: stages\.train\[1\]: a number of 1,001 digits"):
+    with pytest.raises(FaultyYamlError, match=r"\Aline 3: stages\.train\[1\]: a number of 1,001 digits"):
         loaded(f"stages:\n  train: [1,\n   {'1' * (MOST_DIGITS + 1)}]")
     assert loaded("1" * MOST_DIGITS) == int("1" * MOST_DIGITS)
 
@@ -122,10 +122,10 @@ def test_what_is_too_large_is_told_by_its_full_key():
 def test_the_bounds_are_exact():
     deep = MOST_LEVELS - 1
     assert loaded("[" * deep + "1" + "]" * deep)
-    with pytest.raises(YamlFault, match="levels"):
+    with pytest.raises(FaultyYamlError, match="levels"):
         loaded("[" * MOST_LEVELS + "1" + "]" * MOST_LEVELS)
     assert len(loaded(str([1] * (MOST_WEIGHT - 1)))) == MOST_WEIGHT - 1
-    with pytest.raises(YamlFault, match="values"):
+    with pytest.raises(FaultyYamlError, match="values"):
         loaded(str([1] * MOST_WEIGHT))
 
 
@@ -135,7 +135,7 @@ def test_aliases_that_stand_for_little_are_read():
 
 
 def test_half_a_character_is_a_fault_where_text_is_not_a_files_name():
-    with pytest.raises(YamlFault, match=r"a: text with '\\ud800', half a character"):
+    with pytest.raises(FaultyYamlError, match=r"a: text with '\\ud800', half a character"):
         loaded(r'a: "\ud800"')
     assert load_document(r'a: "\ud800"', Lenient, more_may_follow=False) == {"a": "\ud800"}
 
@@ -143,7 +143,7 @@ def test_half_a_character_is_a_fault_where_text_is_not_a_files_name():
 def test_only_the_first_document_is_read_however_much_follows():
     text = "a: 1\n---\n" + "b: 2\n---\n" * MOST_LETTERS
     assert load_document(text, BoundedLoader, more_may_follow=True) == {"a": 1}
-    with pytest.raises(YamlFault, match="another document"):
+    with pytest.raises(FaultyYamlError, match="another document"):
         loaded("a: 1\n---\nb: 2")
 
 
@@ -151,7 +151,7 @@ def test_only_the_first_document_is_read_however_much_follows():
 def test_any_text_is_read_as_pyyaml_reads_it_or_is_a_fault(text: str):
     try:
         value = loaded(text)
-    except YamlFault:
+    except FaultyYamlError:
         return
     assert repr(value) == repr(yaml.safe_load(text))
 

@@ -15,7 +15,7 @@ import yaml
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from rendezvous.errors import ConfigError, PipelineError
-from rendezvous.interop.bounded_yaml import BoundedLoader, YamlFault, load_document
+from rendezvous.interop.bounded_yaml import BoundedLoader, FaultyYamlError, load_document
 from rendezvous.interop.given_file import given_bytes
 
 Validated = TypeVar("Validated", bound=BaseModel)
@@ -133,12 +133,12 @@ class _Loader(BoundedLoader):
         for key_node, _ in node.value if isinstance(node, yaml.MappingNode) else ():
             line = key_node.start_mark.line + 1
             if key_node.tag == _MERGE:
-                raise YamlFault("a merge key (<<) is not read here; write its keys out", line=line)
+                raise FaultyYamlError("a merge key (<<) is not read here; write its keys out", line=line)
             key = self.construct_object(key_node, deep=True)
             if not isinstance(key, Hashable):
-                raise YamlFault(f"{key!r:.60} cannot be a key", line=line)
+                raise FaultyYamlError(f"{key!r:.60} cannot be a key", line=line)
             if key in seen:
-                raise YamlFault(f"key {key!r:.60} is given twice", line=line)
+                raise FaultyYamlError(f"key {key!r:.60} is given twice", line=line)
             seen.add(key)
         return super().construct_mapping(node, deep=deep)
 
@@ -176,6 +176,6 @@ def load_value(text: str, *, where: str) -> Any:
     """
     try:
         return load_document(text, _Loader, more_may_follow=False)
-    except YamlFault as error:
+    except FaultyYamlError as error:
         line = f":{error.line}" if error.line is not None and "\n" in text else ""
         raise ConfigError(f"{where}{line}: {error.what}") from error

@@ -1,4 +1,4 @@
-"""YAML by PyYAML's safe loader within bounds: any text is read, or refused with its line and key, in a second.
+"""YAML by PyYAML's safe loader within bounds: text is read, or refused with its line and key, in a second.
 
 Aliases and merge keys may stand for a billion nodes or for themselves; deep nesting, long numbers, half
 characters, and tags such as `!!int ''` raise whatever comes in PyYAML. Aliases are read as long as what they
@@ -27,7 +27,7 @@ _RAISED = (yaml.YAMLError, ValueError, LookupError, AttributeError, TypeError, A
 """By PyYAML, for text that its scanner or the constructor of a tag does not expect, such as `!!bool x`."""
 
 
-class YamlFault(Exception):
+class FaultyYamlError(Exception):
     """What is wrong, and where."""
 
     def __init__(self, what: str, *, line: int | None = None) -> None:
@@ -77,7 +77,7 @@ class BoundedLoader(yaml.SafeLoader):
         name = self.peek_event().anchor
         node = super().compose_node(parent, index)
         if id(node) not in self._size:
-            raise YamlFault(f"{self._shown_path()}*{name} is part of what it stands for", line=line)
+            raise FaultyYamlError(f"{self._shown_path()}*{name} is part of what it stands for", line=line)
         return node, self._size[id(node)]
 
     def compose_scalar_node(self, anchor: Any) -> yaml.ScalarNode:
@@ -86,9 +86,9 @@ class BoundedLoader(yaml.SafeLoader):
         self._weight += len(value) // _LETTERS_PER_WEIGHT
         self._check_bounds(line)
         if not self.HALF_CHARACTERS and (half := _HALF_CHARACTER.search(value)):
-            raise YamlFault(f"{self._shown_path()}text with {half[0]!a}, half a character", line=line)
+            raise FaultyYamlError(f"{self._shown_path()}text with {half[0]!a}, half a character", line=line)
         if node.tag in _NUMBERS and len(value) > MOST_DIGITS:
-            raise YamlFault(
+            raise FaultyYamlError(
                 f"{self._shown_path()}a number of {len(value):,} digits; at most {MOST_DIGITS} are read",
                 line=line,
             )
@@ -101,13 +101,17 @@ class BoundedLoader(yaml.SafeLoader):
             key, tag = self._key.get(id(node), ""), node.tag.rpartition(":")[2]
             told = f" ({_told(error)})" if isinstance(error, ValueError | yaml.YAMLError) else ""
             shown = f"{node.value!r:.60}" if isinstance(node, yaml.ScalarNode) else "this"
-            raise YamlFault(f"{key}{shown} is no !!{tag}{told}", line=node.start_mark.line + 1) from error
+            raise FaultyYamlError(
+                f"{key}{shown} is no !!{tag}{told}", line=node.start_mark.line + 1
+            ) from error
 
     def _check_bounds(self, line: int) -> None:
         if self._deepest > MOST_LEVELS:
-            raise YamlFault(f"{self._shown_path()}nested more than {MOST_LEVELS} levels deep", line=line)
+            raise FaultyYamlError(
+                f"{self._shown_path()}nested more than {MOST_LEVELS} levels deep", line=line
+            )
         if self._weight > MOST_WEIGHT:
-            raise YamlFault(
+            raise FaultyYamlError(
                 f"{self._shown_path()}more than {MOST_WEIGHT:,} values up to here, with all that aliases "
                 "stand for",
                 line=line,
@@ -136,7 +140,7 @@ def load_document(text: str, loader_type: type[BoundedLoader], *, more_may_follo
         more_may_follow: whether other documents are ignored; they are a fault otherwise.
 
     Raises:
-        YamlFault: it is not YAML, or is out of bounds.
+        FaultyYamlError: it is not YAML, or is out of bounds.
     """
     loader: BoundedLoader | None = None
     try:
@@ -148,8 +152,8 @@ def load_document(text: str, loader_type: type[BoundedLoader], *, more_may_follo
         if loader is None or not loader.passed_the_end():
             mark = error.problem_mark if isinstance(error, yaml.MarkedYAMLError) else None
             mark = mark or (loader and loader.get_mark())
-            raise YamlFault(_told(error), line=mark.line + 1 if mark else None) from error
-    raise YamlFault(f"longer than {MOST_LETTERS:,} letters")
+            raise FaultyYamlError(_told(error), line=mark.line + 1 if mark else None) from error
+    raise FaultyYamlError(f"longer than {MOST_LETTERS:,} letters")
 
 
 def _told(error: Exception) -> str:

@@ -11,7 +11,7 @@ from typing import Any
 import yaml
 
 from rendezvous.errors import PipelineError
-from rendezvous.interop.bounded_yaml import BoundedLoader, YamlFault, load_document
+from rendezvous.interop.bounded_yaml import BoundedLoader, FaultyYamlError, load_document
 from rendezvous.interop.given_file import given_bytes
 
 MOST_BYTES = 10_000_000
@@ -54,7 +54,7 @@ def read_yaml_fields(path: Path, error: type[PipelineError], *, right: str) -> d
         wide = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
         text = data.decode("utf-16" if wide else "utf-8", errors="replace").replace("\t", " ")
         fields = load_document(text, _Loader, more_may_follow=True)
-    except (OSError, UnicodeError, YamlFault) as cause:
+    except (OSError, UnicodeError, FaultyYamlError) as cause:
         why = cause.strerror if isinstance(cause, OSError) else " ".join(str(cause).split())
         raise error(f"{path}: cannot be read as YAML ({why}); must be {right}") from cause
     if not isinstance(fields, dict):
