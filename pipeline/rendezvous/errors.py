@@ -34,6 +34,10 @@ class CameraError(PipelineError):
     """A camera description or image that cannot be used."""
 
 
+class LogError(PipelineError):
+    """A recorded log that cannot be read or used."""
+
+
 class StoreError(PipelineError):
     """A dataset folder that is missing, damaged or cannot be written."""
 

@@ -128,6 +128,13 @@ def test_open_space_takes_a_run_of_silent_beams_also_across_the_first() -> None:
     assert open_space(np.full(20, np.inf), 5).all()
 
 
+def test_beams_without_a_measurement_are_no_open_space() -> None:
+    ranges_m = np.full(12, np.inf)
+    ranges_m[[3, 8]] = np.nan
+    assert np.flatnonzero(open_space(ranges_m, 5)).tolist() == [0, 1, 2, 9, 10, 11]
+    assert not open_space(np.full(12, np.nan), 5).any()
+
+
 def test_a_wall_becomes_occupied_the_way_to_it_free_the_rest_stays_unknown() -> None:
     mapper = OccupancyMapper(extent_m=10.0, parameters=MappingParameters())
     point, origin = np.array([[2.0, 0.0]]), np.array([[0.0, 0.0]])

@@ -27,6 +27,7 @@ from rendezvous.cli.options import (
     make_run,
 )
 from rendezvous.cli.see import see
+from rendezvous.cli.slam import slam
 from rendezvous.cli.streams import spell_out_what_the_encoding_lacks
 from rendezvous.cli.train import calibrate, calibrate_pose, train, train_pose
 from rendezvous.config.stage_table import DATASET_STAGES, STAGES
@@ -136,7 +137,7 @@ app.command(help=STAGES["train"].about)(train)
 app.command(help=STAGES["train_pose"].about)(train_pose)
 for _command in (
     *(calibrate, calibrate_pose),
-    *(fuse, see, example),
+    *(fuse, see, slam, example),
     *(evaluate_pose, evaluate, evaluate_fusion, evaluate_all),
 ):
     app.command()(_command)

@@ -44,7 +44,7 @@ class SlamParameters:
 class Sweep:
     """One turn of the lidar."""
 
-    ranges_m: Array  # (B,) inf for no echo
+    ranges_m: Array  # (B,) inf for no echo, NaN for no measurement
     odometry: Array  # (K, 3) odometry poses evenly spaced over the sweep, first at its start, last at its end
 
 
@@ -54,7 +54,7 @@ def deskew(
 ) -> tuple[Array, Array]:
     """(B, 2) beam ends and (B, 2) beam origins, all in the robot frame at the sweep's end [m].
 
-    Each beam is placed where odometry says the robot was when it was shot; a beam without echo ends after
+    Each beam is placed where odometry says the robot was when it was shot; a beam without an echo ends after
     `no_echo_m`.
     """
     n, knots = ranges_m.shape[0], odometry.shape[0]
@@ -84,7 +84,7 @@ def open_space(ranges_m: Array, run: int) -> NDArray[np.bool_]:
     length = 0
     # Round once more, so that a run across the first beam is seen whole.
     for i in range(2 * n):
-        if math.isfinite(ranges_m[i % n]):
+        if not math.isinf(ranges_m[i % n]):
             length = 0
             continue
         length += 1

@@ -1,0 +1,55 @@
+"""The command that maps a recorded laser log."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from rendezvous.cli.options import choice
+from rendezvous.errors import ConfigError
+
+Poses = Annotated[
+    str,
+    typer.Option(
+        "--poses",
+        help="What the poses in a CARMEN log are: odometry, reference (corrected afterwards), or auto.",
+    ),
+]
+RangeMax = Annotated[
+    float | None,
+    typer.Option("--range-max", min=0.1, help="Readings from here on are no echo [m]; found out by default."),
+]
+
+
+def slam(
+    log: Annotated[Path, typer.Argument(help="A CARMEN log (.log, .clf, .gz).")],
+    out: Annotated[Path, typer.Option("--out", help="Folder to write the map and the path to.")] = Path(
+        "slam"
+    ),
+    reference: Annotated[
+        Path | None, typer.Option("--reference", help="The true path, in TUM's format with the log's stamps.")
+    ] = None,
+    relations: Annotated[
+        Path | None, typer.Option("--relations", help="Kümmerle's relations of the log.")
+    ] = None,
+    poses: Poses = "auto",
+    range_max: RangeMax = None,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Of odometry drawn for a log without.")] = 0,
+) -> None:
+    """Map a recorded laser log; measure the path against reference poses or relations."""
+    if out.exists() and not out.is_dir():
+        raise ConfigError(f"--out is {str(out)!r}, a file; must be a folder")
+
+    from rendezvous.commands.slam import run_slam, write_slam
+    from rendezvous.interop.carmen_log import PosesOf
+    from rendezvous.interop.laser_logs import read_laser_log
+
+    read = read_laser_log(
+        log, poses=choice(PosesOf, "--poses", poses), range_max_m=range_max, reference=reference
+    )
+    run = run_slam(read, relations=relations, seed=seed)
+    files = write_slam(run, out)
+    print(*run.lines(), sep="\n")
+    print(*files, sep=", ")

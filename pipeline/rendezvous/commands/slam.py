@@ -1,0 +1,141 @@
+"""SLAM over a recorded laser log: its map, the robot's path, and how far that is from a reference."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rendezvous.errors import LogError
+from rendezvous.geometry.se2 import Array
+from rendezvous.interop.ros_map import ros_map_bytes
+from rendezvous.interop.trajectory_files import read_relations, tum_bytes
+from rendezvous.recorded.error import (
+    PathError,
+    reference_error,
+    relation_error,
+    segment_error,
+    wrapped,
+)
+from rendezvous.recorded.laser_log import LaserLog
+from rendezvous.recorded.mapped import LidarModel, Mapped, map_scans
+from rendezvous.recorded.odometry import DrawnOdometry, odometry_of
+from rendezvous.seeds import stream
+from rendezvous.slam.slam import SlamParameters
+from rendezvous.store.disk import Disk
+from rendezvous.store.records import json_bytes
+
+_SEGMENTS_M = (20.0, 50.0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SlamRun:
+    """A log after SLAM."""
+
+    log: LaserLog
+    mapped: Mapped
+    errors: dict[str, PathError]  # by what they were measured against
+    seconds: float
+
+    def lines(self) -> list[str]:
+        """What happened, for people."""
+        log, grid = self.log, self.mapped.grid
+        height, width = (cells * grid.resolution_m for cells in grid.cells.shape)
+        recorded = log.t_s[-1] - log.t_s[0]
+        drawn = "recorded" if log.odometry is not None else "drawn"
+        lines = [f"note: {note}" for note in log.notes]
+        lines.append(
+            f"{len(log)} scans of {len(log.bearings_rad)} beams over {log.travelled_m()[-1]:.1f} m of path, "
+            f"odometry {drawn}; map {width:.1f} x {height:.1f} m"
+        )
+        lines += [f"{name}: {_shown(error)}" for name, error in self.errors.items()]
+        rate = len(log) / self.seconds
+        lines.append(f"{self.seconds:.1f} s, {rate:.0f} scans a second ({recorded:.0f} s were recorded)")
+        return lines
+
+    def record(self) -> dict[str, Any]:
+        """The same as JSON."""
+        log = self.log
+        return {
+            "log": log.source,
+            "notes": list(log.notes),
+            "scans": len(log),
+            "beams": len(log.bearings_rad),
+            "path_m": float(log.travelled_m()[-1]),
+            "odometry": "recorded" if log.odometry is not None else "drawn",
+            "seconds": self.seconds,
+            "errors": {name: error.to_json() for name, error in self.errors.items()},
+        }
+
+
+def _shown(error: PathError) -> str:
+    t, r = error.translation_m, np.degrees(error.rotation_rad)
+    return (
+        f"{t.mean():.3f} ± {t.std():.3f} m (median {np.median(t):.3f}), {r.mean():.2f} ± {r.std():.2f}° "
+        f"(median {np.median(r):.2f}), {len(t)} compared"
+    )
+
+
+def run_slam(
+    log: LaserLog,
+    *,
+    relations: Path | None = None,
+    parameters: SlamParameters | None = None,
+    lidar: LidarModel | None = None,
+    noise: DrawnOdometry | None = None,
+    seed: int = 0,
+) -> SlamRun:
+    """Map a whole log and measure the path.
+
+    Raises:
+        LogError: the relations cannot be read, or none lies between two scans of the log.
+    """
+    known = None if relations is None else read_relations(relations)
+    order = np.arange(len(log), dtype=np.int64)
+    odometry = odometry_of(log, order, noise or DrawnOdometry(), rng=stream(seed, "slam", "odometry"))
+    started_s = time.perf_counter()
+    mapped = map_scans(
+        log, order, odometry, lidar=lidar or LidarModel(), parameters=parameters or SlamParameters()
+    )
+    seconds = time.perf_counter() - started_s
+    errors = _reference_errors(log, mapped.poses)
+    if known is not None:
+        error, before = (relation_error(log.t_s, p, known) for p in (mapped.poses, odometry[:, 1]))
+        if error is None or before is None:
+            raise LogError(
+                f"{relations}: none of its {len(known.motions)} relations lies between two scans of "
+                f"{log.source}; must be of the same log"
+            )
+        errors |= {"relations": error, "odometry by relations": before}
+    return SlamRun(log=log, mapped=mapped, errors=errors, seconds=seconds)
+
+
+def _reference_errors(log: LaserLog, poses: Array) -> dict[str, PathError]:
+    if log.reference is None:
+        return {}
+    errors = {"reference, whole path": reference_error(poses, log.reference)}
+    for length_m in _SEGMENTS_M:
+        error = segment_error(poses, log.reference, log.travelled_m(), length_m)
+        if error is not None:
+            errors[f"reference, after {length_m:.0f} m"] = error
+    return errors
+
+
+def write_slam(run: SlamRun, out: Path) -> list[Path]:
+    """Write `map.yaml`, `map.pgm`, `trajectory.tum`, and `slam.json` last.
+
+    Raises:
+        StoreError: the folder cannot be written.
+    """
+    image, header = ros_map_bytes(run.mapped.grid, "map.pgm")
+    poses = run.mapped.poses.copy()
+    poses[:, 2] = wrapped(poses[:, 2])
+    files = {"map.pgm": image, "map.yaml": header, "trajectory.tum": tum_bytes(run.log.t_s, poses)}
+    files["slam.json"] = json_bytes(run.record())
+    disk = Disk(str(out))
+    for name, data in files.items():
+        disk.write(name, data)
+    return [out / name for name in files]
