@@ -23,6 +23,14 @@ STAGES_YAML = ROOT / "stages.yaml"
 def located(name: str) -> Path:
     """The path `name`; where nothing is there, the shipped file or folder of that name."""
     given = Path(name)
-    if given.exists() or given.is_absolute() or ".." in given.parts:
+    if exists(given) or given.is_absolute() or ".." in given.parts:
         return given
-    return shipped if (shipped := ROOT / given).exists() else given
+    return shipped if exists(shipped := ROOT / given) else given
+
+
+def exists(path: Path) -> bool:
+    """Whether there is a file or folder of this name, which may be one that no file can have."""
+    try:
+        return path.exists()
+    except (OSError, ValueError):  # too long, or with a zero byte or half a character
+        return False

@@ -154,15 +154,3 @@ def test_any_text_is_read_as_pyyaml_reads_it_or_is_a_fault(text: str):
     except FaultyYamlError:
         return
     assert repr(value) == repr(yaml.safe_load(text))
-
-
-@pytest.mark.parametrize("kind", ["stages", "robot", "map"])
-def test_the_hostile_yaml_files_at_hand_are_one_line_each(real_data: Path, kind: str):
-    paths = sorted((real_data / "hostile").glob(f"{kind}_*.yaml"))
-    if not paths:
-        pytest.skip(f"no hostile files in {real_data}")
-    for path in paths:
-        began_s = time.process_time()
-        with pytest.raises(PipelineError, match=r"\A[^\n]+\Z"):
-            READERS[kind](path)
-        assert time.process_time() - began_s < MOST_S

@@ -121,3 +121,50 @@ def test_a_member_of_exactly_the_largest_size_is_read_and_one_more_is_not(tmp_pa
     whole, large = plan_files(str(tmp_path / "p.tar"))
     assert (len(whole.content), whole.fault) == (LARGEST_PLAN_BYTES, "")
     assert f"{LARGEST_PLAN_BYTES + 1} bytes; a floor plan has at most" in large.fault
+
+
+def test_a_pipe_a_device_and_a_folder_among_plans_are_faults(folder: Path):
+    os.mkfifo(folder / "pipe.json")
+    (folder / "device.json").symlink_to("/dev/zero")
+    (folder / "endless.json.gz").symlink_to("/dev/urandom")
+    (folder / "deep.json").mkdir()
+    faults = {Path(file.source).name: file.fault for file in plan_files(str(folder)) if file.fault}
+    assert faults == {
+        "pipe.json": "is no regular file",
+        "device.json": "is no regular file",
+        "endless.json.gz": "is no regular file",
+        "deep.json": "is a directory",
+    }
+
+
+@pytest.mark.parametrize("name", ["pipe.json", "pipe.tar", "pipe.json.gz"])
+def test_a_pipe_is_no_source(tmp_path: Path, name: str):
+    os.mkfifo(tmp_path / name)
+    with pytest.raises(ConfigError, match="is a device or pipe; must be a file or a folder"):
+        check_source(str(tmp_path / name))
+
+
+@pytest.mark.parametrize("source", ["x" * 5000 + ".json", "a\0b.json", "\udcff.json"])
+def test_a_name_that_no_file_has_is_not_found(source: str):
+    with pytest.raises(ConfigError, match=r"\Afloorplans\.sources: .{1,200} not found"):
+        check_source(source)
+
+
+def test_a_folder_may_be_called_like_an_archive(folder: Path):
+    named = folder.rename(folder.with_suffix(".tar"))
+    check_source(str(named))
+    assert count_plan_files(str(named)) == len(list(plan_files(str(named)))) == len(NAMES)
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (b'{"id": ' + b"[" * 30 + b"]" * 30 + b"}", "more than 20 levels deep"),
+        (b'{"a":' * 900 + b"1" + b"}" * 900, "more than 20 levels deep"),
+        (b"[" + b"[]," * 500_000 + b"[]]", "more than 400,000 values"),
+        (b"[" + b"9" * 5000 + b"]", "not JSON"),
+    ],
+)
+def test_json_that_is_no_plan_is_told_before_it_fills_the_memory(content: bytes, said: str):
+    with pytest.raises(FloorplanError, match=rf"\Ax: {said}"):
+        parsed_json(content, "x")

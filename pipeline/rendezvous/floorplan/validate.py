@@ -13,6 +13,7 @@ from shapely.geometry.base import BaseGeometry
 
 from rendezvous.errors import FloorplanError, require_within
 from rendezvous.floorplan.records import Floorplan
+from rendezvous.floorplan.work import check_close_walls, check_crossings, check_work
 from rendezvous.geometry.se2 import Array
 
 PRECISION_M = 0.001  # vertices lie on this grid, so that a plan written and read again is the same
@@ -61,6 +62,7 @@ def validated(
     Raises:
         FloorplanError: the plan cannot be used.
     """
+    check_work(floorplan)
     _check_extent(floorplan, limits)
     free = _repaired(floorplan, limits)
     _check_area(floorplan, free, limits)
@@ -69,6 +71,7 @@ def validated(
         outline_m=_vertices(free.exterior),
         holes_m=tuple(_vertices(ring) for ring in free.interiors),
     )
+    check_close_walls(repaired, HALF_DOORS_M[-1])
     _check_reachable(repaired, robot_radius_m + PASSAGE_MARGIN_M, limits)
     regions = start_regions(repaired, robot_radius_m=robot_radius_m)
     if len(regions) < limits.min_start_regions:
@@ -162,6 +165,7 @@ def _repaired(floorplan: Floorplan, limits: FloorplanLimits) -> Polygon:
     """One clean polygon on the mm grid, without duplicate and collinear vertices, counter-clockwise."""
     free = floorplan.free_space()
     if not _is_clean(free):
+        check_crossings(floorplan)
         free = _uncrossed(floorplan, limits)
     for _ in range(3):
         free = _simplified(_largest(shapely.set_precision(free, PRECISION_M)))

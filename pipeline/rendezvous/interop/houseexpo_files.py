@@ -6,38 +6,23 @@ Suffixes may be written in capitals, as Windows programs do.
 from __future__ import annotations
 
 import gzip
-import io
 import json
-import tarfile
 import zlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO, cast
 
 from rendezvous.errors import ConfigError, FloorplanError
-from rendezvous.resources import located
+from rendezvous.interop.given_file import given_bytes
+from rendezvous.interop.tar_members import DamagedTarError, TarStream
+from rendezvous.resources import exists, located
 
 LARGEST_PLAN_BYTES = 16_000_000  # larger files are not read; HouseExpo's largest plan has 0.2 MB
+DEEPEST_JSON = 20  # levels; a plan has 4
+MOST_COMMAS = 400_000  # no more values are parsed: a million take 100 MB; HouseExpo's largest plan has 12,000
 
 _GZIP_MAGIC = b"\x1f\x8b"
-_CHUNK_BYTES = 1 << 20
-
-
-class _Header(tarfile.TarInfo):
-    """A member's header in an archive that must be whole.
-
-    `tarfile` takes a damaged header, or the end of the file, for the end of the archive.
-    """
-
-    @classmethod
-    def fromtarfile(cls, archive: tarfile.TarFile) -> _Header:
-        try:
-            return super().fromtarfile(archive)
-        except tarfile.EOFHeaderError:  # type: ignore[attr-defined]  # the block that ends an archive
-            raise
-        except tarfile.HeaderError as error:
-            raise tarfile.ReadError(f"no member and no end of the archive: {error}") from error
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -56,12 +41,16 @@ def check_source(source: str) -> None:
         ConfigError: there is no such file or folder, or it is of another kind.
     """
     path = located(source)
-    if not path.exists():
+    if not exists(path):
         raise ConfigError(
-            f"floorplans.sources: {source!r} not found; must be a HouseExpo JSON file, a folder of them or a "
-            "json.tar.gz, relative to where the command runs"
+            f"floorplans.sources: {source!r:.200} not found; must be a HouseExpo JSON file, a folder of them "
+            "or a json.tar.gz, relative to where the command runs"
         )
-    if path.is_file() and not (_is_archive(path) or _is_plan(path.name)):
+    if path.is_dir():
+        return
+    if not path.is_file():
+        raise ConfigError(f"floorplans.sources: {source!r} is a device or pipe; must be a file or a folder")
+    if not (_is_archive(path) or _is_plan(path.name)):
         raise ConfigError(f"floorplans.sources: {source!r}; must end in .json, .tar, .tar.gz or .tgz")
 
 
@@ -90,8 +79,12 @@ def parsed_json(content: bytes, source: str) -> Any:
     Raises:
         FloorplanError: it is not JSON, or holds text that is not Unicode.
     """
+    if content.count(b",") > MOST_COMMAS:
+        raise FloorplanError(f"{source}: more than {MOST_COMMAS:,} values; must be one floor plan")
     try:
         value = json.loads(content)
+        if _is_deep(value, DEEPEST_JSON):
+            raise FloorplanError(f"{source}: more than {DEEPEST_JSON} levels deep; must be one floor plan")
         json.dumps(value, ensure_ascii=False).encode()
     except UnicodeEncodeError as error:
         raise FloorplanError(
@@ -102,8 +95,17 @@ def parsed_json(content: bytes, source: str) -> Any:
     return value
 
 
+def _is_deep(value: Any, levels: int) -> bool:
+    if not isinstance(value, dict | list):
+        return False
+    inner = value.values() if isinstance(value, dict) else value
+    return levels == 0 or any(
+        _is_deep(below, levels - 1) for below in inner if isinstance(below, dict | list)
+    )
+
+
 def _is_archive(path: Path) -> bool:
-    return path.name.lower().endswith((".tar", ".tar.gz", ".tgz"))
+    return not path.is_dir() and path.name.lower().endswith((".tar", ".tar.gz", ".tgz"))
 
 
 def _is_plan(name: str) -> bool:
@@ -116,7 +118,8 @@ def _listed(path: Path) -> list[Path]:
 
 def _read(path: Path) -> PlanFile:
     try:
-        return _plan_file(str(path), path.stat().st_size, path.read_bytes)
+        # A pipe or a device, which may never end, is not opened.
+        return _plan_file(str(path), path.stat().st_size, lambda: given_bytes(path))
     except OSError as error:
         return PlanFile(source=str(path), fault=(error.strerror or str(error)).lower())
 
@@ -144,25 +147,26 @@ def _plan_file(source: str, size_bytes: int, read: Callable[[], bytes]) -> PlanF
 def _archived(path: Path) -> Iterator[PlanFile]:
     members = 0
     try:
-        with _opened(path) as stream, tarfile.open(fileobj=stream, mode="r|", tarinfo=_Header) as archive:
-            for member in archive:
-                archive.members = []  # type: ignore[attr-defined]  # or it keeps all 35,126 of them
+        with _opened(path) as stream:
+            archive = TarStream(stream)
+            for member in archive.members():
                 name = member.name.rpartition("/")[2]
-                if not member.isfile() or not _is_plan(name) or name.startswith("._"):
+                if not member.is_file or not _is_plan(name) or name.startswith("._"):
                     continue
                 members += 1
-                extracted = archive.extractfile(member)
-                assert extracted is not None, "a regular file has content"
-                yield _plan_file(f"{path}:{member.name}", member.size, extracted.read)
-            while stream.read(_CHUNK_BYTES):
-                pass  # gzip compares its checksum when it comes to its end
-    except (tarfile.TarError, EOFError, zlib.error, OSError) as error:
+                source = f"{path}:{member.name}"
+                if member.is_sparse:
+                    yield PlanFile(source=source, fault="a sparse file; pack it without --sparse")
+                else:
+                    yield _plan_file(source, member.size_bytes, member.read)
+            archive.drain()
+    except (DamagedTarError, EOFError, zlib.error, OSError) as error:
         raise FloorplanError(
             f"{path}: damaged after {members} plans ({' '.join(str(error).split())}); fetch it again"
         ) from error
 
 
-def _opened(path: Path) -> io.BufferedIOBase:
+def _opened(path: Path) -> BinaryIO:
     with path.open("rb") as file:
         zipped = file.read(len(_GZIP_MAGIC)) == _GZIP_MAGIC
-    return gzip.open(path) if zipped else path.open("rb")
+    return cast(BinaryIO, gzip.open(path)) if zipped else path.open("rb")
