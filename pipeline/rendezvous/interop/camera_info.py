@@ -56,11 +56,7 @@ class CameraInfo:
             CameraError: the image's size differs from the calibration's.
         """
         camera = self.camera
-        if image.shape[1::-1] != (camera.width_px, camera.height_px):
-            raise CameraError(
-                f"image of {image.shape[1]} x {image.shape[0]} px; the camera is calibrated for "
-                f"{camera.width_px} x {camera.height_px} px"
-            )
+        self.require_size(image.shape[1], image.shape[0])
         fisheye = self.distortion_model in FISHEYE_MODELS
         # A fisheye lens distorts even if all its coefficients are 0.
         if not self.distortion or not (fisheye or any(self.distortion)):
@@ -69,6 +65,19 @@ class CameraInfo:
         if fisheye:
             return np.asarray(cv2.fisheye.undistortImage(image, K, distortion, Knew=K), np.uint8)
         return np.asarray(cv2.undistort(image, K, distortion), np.uint8)
+
+    def require_size(self, width_px: int, height_px: int) -> None:
+        """Check an image's size.
+
+        Raises:
+            CameraError: it differs from the calibration's.
+        """
+        camera = self.camera
+        if (width_px, height_px) != (camera.width_px, camera.height_px):
+            raise CameraError(
+                f"image of {width_px} x {height_px} px; the camera is calibrated for {camera.width_px} x "
+                f"{camera.height_px} px"
+            )
 
 
 def read_camera_info(path: Path) -> CameraInfo:

@@ -7,23 +7,15 @@ its end.
 
 from __future__ import annotations
 
-import re
 import struct
-import zlib
-from collections.abc import Iterator
 
 import cv2
 import numpy as np
 from cv2.utils import logging
 from numpy.typing import NDArray
 
-PNG_START, JPEG_START = b"\x89PNG\r\n\x1a\n", b"\xff\xd8"
-TIFF_STARTS = b"II*\0", b"MM\0*"
+from rendezvous.interop.image_header import PNG_START, TIFF_STARTS, image_end, image_header
 
-# Any marker except those within coded data: stuffed zeros, restarts, fill bytes.
-_JPEG_MARKER = re.compile(rb"\xff+([^\x00\xd0-\xd7\xff])")
-_JPEG_END, _JPEG_BARE = 0xD9, 0x01
-_JPEG_FRAMES = {*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC}  # of which those are tables
 _TIFF_ORIENTATION = 274
 
 
@@ -31,10 +23,11 @@ def decoded(data: bytes, flags: int) -> NDArray[np.uint8 | np.uint16] | None:
     """Decode an image with `cv2.imdecode`: (H, W) or (H, W, C), or None if it cannot be decoded.
 
     Args:
-        data: content of the file.
+        data: content of a PNG, JPEG, BMP, TIFF, WebP or PNM of at most `MAX_PIXELS`.
         flags: OpenCV's, such as `cv2.IMREAD_COLOR_RGB`.
     """
-    if data.startswith(PNG_START) and not is_whole(data):
+    header = image_header(data)
+    if header is None or not header.fits or (data.startswith(PNG_START) and not is_whole(data)):
         return None
     if flags & cv2.IMREAD_IGNORE_ORIENTATION:
         data = _as_stored(data)
@@ -50,47 +43,7 @@ def decoded(data: bytes, flags: int) -> NDArray[np.uint8 | np.uint16] | None:
 
 def is_whole(data: bytes) -> bool:
     """Whether a PNG or JPEG is complete; more bytes may follow. True for other formats."""
-    if data.startswith(JPEG_START):
-        return any(kind == _JPEG_END for kind, _ in _jpeg_segments(data))
-    return is_whole_png(data) if data.startswith(PNG_START) else True
-
-
-def is_whole_png(data: bytes) -> bool:
-    """Whether these bytes are a PNG, complete and with correct checksums; more bytes may follow."""
-    if not data.startswith(PNG_START):
-        return False
-    at, view = len(PNG_START), memoryview(data)
-    while at + 12 <= len(data):
-        length, name = struct.unpack_from(">I4s", data, at)
-        end = at + 8 + length
-        if end + 4 > len(data) or zlib.crc32(view[at + 4 : end]) != struct.unpack_from(">I", data, end)[0]:
-            return False
-        if name == b"IEND":
-            return True
-        at = end + 4
-    return False
-
-
-def jpeg_size(data: bytes) -> tuple[int, int]:
-    """Width and height from the header of a JPEG; 0, 0 if it has none."""
-    for kind, at in _jpeg_segments(data):
-        if kind in _JPEG_FRAMES and at + 7 <= len(data):
-            height, width = struct.unpack_from(">HH", data, at + 3)
-            return width, height
-    return 0, 0
-
-
-def _jpeg_segments(data: bytes) -> Iterator[tuple[int, int]]:
-    """The kind of each marker and where its content starts (ITU T.81, B.1).
-
-    Content is skipped, as a thumbnail inside it has markers of its own.
-    """
-    at = len(JPEG_START)
-    while marker := _JPEG_MARKER.search(data, at):
-        at, kind = marker.end(), marker[1][0]
-        yield kind, at
-        if kind not in (_JPEG_BARE, _JPEG_END) and at + 2 <= len(data):
-            at += int.from_bytes(data[at : at + 2], "big")
+    return image_end(data) is not None
 
 
 def _as_stored(data: bytes) -> bytes:

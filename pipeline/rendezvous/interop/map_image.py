@@ -20,12 +20,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rendezvous.errors import MapError
-from rendezvous.interop.decoding import JPEG_START, PNG_START, decoded, is_whole, jpeg_size
+from rendezvous.interop.decoding import decoded
 from rendezvous.interop.given_file import given_bytes
+from rendezvous.interop.image_header import (
+    JPEG_START,
+    MAX_PIXELS,
+    PNG_START,
+    ImageHeader,
+    image_end,
+    image_header,
+)
 
-MAX_PIXELS = 100_000_000  # of a map's image, in any format: 10,000 x 10,000, 500 m x 500 m at 0.05 m
+MAX_BYTES = 2 * MAX_PIXELS  # of the decoded image, whose pixels have one to eight
 
 Grey = NDArray[np.uint8 | np.uint16]
+
+_PIECE_BYTES = 1 << 20  # of a plain PGM, parsed at a time
+_LINE_END, _SPACE = re.compile(rb"[\n\r]"), re.compile(rb"\s")
+_SHORTEST_BYTES = 12  # of a JPEG's start and the beginning of its frame
 
 # White space and comments between the magic, the width, the height and the maximum.
 _GAP = rb"(?:\s|#[^\n\r]*[\n\r])+"
@@ -61,11 +73,15 @@ def read_map_image(path: Path) -> MapImage:
         ) from error
     if data[:2] in (b"P2", b"P5"):
         return _pgm(data, path)
-    width, height, whole = _announced(data, path)
-    _require_size(width, height, path)
-    pixels = decoded(data, cv2.IMREAD_UNCHANGED) if whole else None
-    if pixels is None:
+    header, end = _announced(data, path)
+    _require_size(header, path)
+    pixels = decoded(data, cv2.IMREAD_UNCHANGED) if end is not None else None
+    if pixels is None or end is None:
         raise MapError(f"{path}: {len(data):,} bytes of a damaged or cut off image; save or copy it again")
+    if len(data) > end:
+        warnings.warn(
+            f"{path}: {len(data) - end:,} bytes after the end of the image are left out", stacklevel=3
+        )
     white = int(np.iinfo(pixels.dtype).max)
     if pixels.ndim == 2:
         return MapImage(grey=pixels, alpha=None, white=white)
@@ -75,24 +91,29 @@ def read_map_image(path: Path) -> MapImage:
     return MapImage(grey=grey, alpha=pixels[..., 3] if pixels.shape[2] == 4 else None, white=white)
 
 
-def _announced(data: bytes, path: Path) -> tuple[int, int, bool]:
-    """Width and height from the header of a PNG, BMP or JPEG, and whether the file is complete."""
-    if data.startswith(PNG_START) and len(data) > 32:
-        return *struct.unpack(">II", data[16:24]), is_whole(data)
-    if data.startswith(b"BM") and len(data) > 32:
-        (size,) = struct.unpack("<I", data[2:6])
-        width, height = struct.unpack("<ii", data[18:26])
-        return width, abs(height), len(data) >= size
-    if data.startswith(JPEG_START):
-        return *jpeg_size(data), is_whole(data)
-    raise MapError(f"{path}: {len(data):,} bytes that are no PGM (P2, P5), PNG, BMP or JPEG image")
+def _announced(data: bytes, path: Path) -> tuple[ImageHeader, int | None]:
+    """The header of a PNG, BMP or JPEG, and where the image ends; None if the file is not complete."""
+    known = (PNG_START, b"BM", JPEG_START)
+    header = image_header(data) if data.startswith(known) and len(data) >= _SHORTEST_BYTES else None
+    if header is None:
+        raise MapError(f"{path}: {len(data):,} bytes that are no PGM (P2, P5), PNG, BMP or JPEG image")
+    if not data.startswith(b"BM"):
+        return header, image_end(data)
+    (size,) = struct.unpack_from("<I", data, 2)
+    return header, size if len(data) >= size else None
 
 
-def _require_size(width: int, height: int, source: Path) -> None:
+def _require_size(header: ImageHeader, source: Path) -> None:
     """Check an image's size before memory is taken for it."""
-    if not 0 < width * height <= MAX_PIXELS:
+    width, height = header.width, header.height
+    if not header.fits:
         raise MapError(
             f"{source}: image of {width} x {height} pixels; must be at least 1 and at most {MAX_PIXELS:,}"
+        )
+    if width * height * header.pixel_bytes > MAX_BYTES:
+        raise MapError(
+            f"{source}: image of {width} x {height} pixels of {header.pixel_bytes} bytes; at most "
+            f"{MAX_BYTES:,} bytes are read: save it in grey"
         )
 
 
@@ -101,14 +122,14 @@ def _pgm(data: bytes, source: Path) -> MapImage:
     if header is None:
         raise MapError(f"{source}: is no PGM: its header lacks width, height or maximum after {data[:2]!r}")
     width, height, white = (int(value) for value in header.groups()[1:])
-    _require_size(width, height, source)
+    _require_size(ImageHeader(width, height, 1 if white < 256 else 2), source)
     if not 0 < white < 65536:
         raise MapError(f"{source}: PGM with maximum {white}; must be from 1 to 65535")
-    rest, count = data[header.end() :], width * height
+    count = width * height
     if header[1] == b"P2":
-        found = _numbers(rest, source)
-        following = found.size - count
+        found, following = _numbers(data, header.end(), count, source)
     else:
+        rest = data[header.end() :]
         pixel = np.dtype(np.uint8 if white < 256 else ">u2")
         raster = _raster(rest, count * pixel.itemsize, crlf=b"\r\n" in header[0])
         found = np.frombuffer(raster, pixel, len(raster) // pixel.itemsize)
@@ -152,9 +173,33 @@ def _raster(rest: bytes, size_bytes: int, *, crlf: bool) -> bytes:
     return rest[starts[0] :]
 
 
-def _numbers(body: bytes, source: Path) -> NDArray[np.uint32]:
-    """The pixels of a plain PGM."""
-    values = re.sub(rb"#[^\n\r]*", b"", body)
-    if re.search(rb"[^\d\s]|\d{6}", values):
-        raise MapError(f"{source}: plain PGM (P2) with something else than numbers up to 65535")
-    return np.array(values.split(), dtype="S5").astype(np.uint32)
+def _numbers(data: bytes, start: int, count: int, source: Path) -> tuple[NDArray[np.uint32], int]:
+    """The pixels of a plain PGM, at most `count`, and how many numbers follow them.
+
+    They are read in pieces that end between two lines, or two numbers outside of a comment.
+    """
+    pieces, found, at = [np.empty(0, np.uint32)], 0, start
+    while at < len(data):
+        end = _piece_end(data, at)
+        values = re.sub(rb"#[^\n\r]*", b"", data[at:end])
+        if re.search(rb"[^\d\s]|\d{6}", values):
+            raise MapError(f"{source}: plain PGM (P2) with something else than numbers up to 65535")
+        words = values.split()
+        if found < count:
+            pieces.append(np.array(words[: count - found], dtype="S5").astype(np.uint32))
+        found, at = found + len(words), end
+    return np.concatenate(pieces), found - count
+
+
+def _piece_end(data: bytes, at: int) -> int:
+    """The end of a piece that begins at `at`: that of a line, or else that of a number."""
+    if len(data) - at <= _PIECE_BYTES:
+        return len(data)
+    for ends in (b"\n", b"\r"):
+        if (end := data.rfind(ends, at, at + _PIECE_BYTES)) >= 0:
+            return end + 1
+    if (comment := data.find(b"#", at, at + _PIECE_BYTES)) >= 0:
+        after = _LINE_END.search(data, comment)
+        return after.end() if after else len(data)
+    after = _SPACE.search(data, at + _PIECE_BYTES)
+    return after.end() if after else len(data)

@@ -169,7 +169,7 @@ def _as_meant(image: MapImage, header: _Header, source: Path) -> Cells:
             )
     brightness = np.rint(np.arange(image.white + 1) * (255.0 / image.white)).astype(np.uint8)
     brightness = (255 - brightness if header.negate else brightness)[image.grey]
-    unknown = visible & (abs(brightness.astype(np.int16) - UNKNOWN) <= 1)
+    unknown = visible & (brightness >= UNKNOWN - 1) & (brightness <= UNKNOWN + 1)
     if header.mode == "scale" and (~visible).sum() > unknown.sum():
         return cells  # transparency says what is unknown, so a grey is a probability
     keep_meaning(

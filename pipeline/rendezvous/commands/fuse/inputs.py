@@ -15,8 +15,9 @@ from rendezvous.geometry.camera import Image, PinholeCamera, camera_pose
 from rendezvous.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from rendezvous.geometry.se2 import SE2, Array
 from rendezvous.interop.camera_info import CameraInfo, read_camera_info
-from rendezvous.interop.decoding import TIFF_STARTS, decoded, is_whole
+from rendezvous.interop.decoding import decoded, is_whole
 from rendezvous.interop.given_file import given_bytes
+from rendezvous.interop.image_header import MAX_PIXELS, TIFF_STARTS, image_header
 from rendezvous.interop.ros_map import read_ros_map
 from rendezvous.robot_file import load_robot
 
@@ -105,7 +106,7 @@ def read_photograph(given: ImageLike, camera: CameraInfo, *, number: int) -> Pho
         if image.ndim != 3 or image.shape[2] != 3 or image.dtype != np.uint8:
             raise CameraError(f"{name}: shape {image.shape}, {image.dtype}; must be (H, W, 3) uint8 RGB")
     elif isinstance(given, str | Path):
-        name, image = str(given), _decoded(Path(given))
+        name, image = str(given), _decoded(Path(given), camera)
     else:
         raise CameraError(
             f"image {number} is given as {type(given).__name__}; must be its file or (H, W, 3) uint8 RGB"
@@ -116,11 +117,17 @@ def read_photograph(given: ImageLike, camera: CameraInfo, *, number: int) -> Pho
         raise CameraError(f"{name}: {error}") from error
 
 
-def _decoded(path: Path) -> Image:
+def _decoded(path: Path, camera: CameraInfo) -> Image:
     try:
         data = given_bytes(path)
     except OSError as error:
         raise CameraError(f"{path}: {(error.strerror or str(error)).lower()}; must be an image") from error
+    header = image_header(data)
+    if header is not None and header.fits:  # checked before memory is taken for its pixels
+        try:
+            camera.require_size(header.width, header.height)
+        except CameraError as error:
+            raise CameraError(f"{path}: {error}") from error
     if not is_whole(data):
         raise CameraError(
             f"{path}: the image is damaged, or cut short after {len(data)} bytes; copy it again"
@@ -128,7 +135,8 @@ def _decoded(path: Path) -> Image:
     image = decoded(data, cv2.IMREAD_COLOR_RGB | cv2.IMREAD_IGNORE_ORIENTATION)
     if image is None:
         raise CameraError(
-            f"{path}: {len(data)} bytes that are no image; must be PNG, JPEG or another that OpenCV reads"
+            f"{path}: {len(data)} bytes that are no image; must be PNG, JPEG, BMP, TIFF, WebP or PPM "
+            f"of at most {MAX_PIXELS:,} pixels"
         )
     may_be_turned = data.startswith(TIFF_STARTS) or re.search(rb"(?i)exif", data)
     turned = decoded(data, cv2.IMREAD_COLOR_RGB) if may_be_turned else image

@@ -14,6 +14,9 @@ import numpy as np
 
 from rendezvous.errors import ConfigError
 from rendezvous.geometry.camera import Image
+from rendezvous.interop.decoding import decoded
+from rendezvous.interop.given_file import given_bytes
+from rendezvous.interop.image_header import MAX_PIXELS, image_header
 
 SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp")
 
@@ -40,26 +43,28 @@ class PhotoFolder(Sequence[Image]):
         if isinstance(index, slice):
             return PhotoFolder(self.paths[index])
         path = self.paths[index]
-        content = np.frombuffer(_content(path), np.uint8)
-        try:
-            bgr = cv2.imdecode(content, cv2.IMREAD_COLOR) if len(content) else None
-        except cv2.error:  # more pixels than OpenCV decodes
-            bgr = None
-        if bgr is None:
+        rgb = decoded(_content(path), cv2.IMREAD_COLOR_RGB)
+        if rgb is None:
             raise ConfigError(f"{path}: no picture that can be read; render.backgrounds takes photos")
-        return np.asarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB))
+        return np.asarray(rgb, np.uint8)
 
     def digest(self) -> str:
         """SHA-256 of all names and contents.
 
         Raises:
-            ConfigError: a file cannot be read, or is not an image that OpenCV decodes.
+            ConfigError: a file cannot be read, or is not an image that is read here.
         """
         h = hashlib.sha256()
         for path in self.paths:
             content = _content(path)
-            if not _is_picture(content):
+            header = image_header(content)
+            if header is None:
                 raise ConfigError(f"{path}: no picture that can be read; render.backgrounds takes photos")
+            if not header.fits:
+                raise ConfigError(
+                    f"{path}: picture of {header.width} x {header.height} pixels; must be at least 1 and at "
+                    f"most {MAX_PIXELS:,}"
+                )
             h.update(os.fsencode(path.name) + f" {len(content)} ".encode() + content)
         return h.hexdigest()
 
@@ -81,20 +86,9 @@ def photo_folder(folder: str | None) -> PhotoFolder:
     return PhotoFolder(tuple(paths))
 
 
-def _is_picture(content: bytes) -> bool:
-    """Whether OpenCV knows the kind of file, by its first bytes."""
-    # A file in memory: OpenCV takes a name here, and crashes on one that is not UTF-8.
-    descriptor = os.memfd_create("photo")
-    try:
-        os.write(descriptor, content[:1024])
-        return bool(cv2.haveImageReader(f"/proc/self/fd/{descriptor}"))
-    finally:
-        os.close(descriptor)
-
-
 def _content(path: Path) -> bytes:
     try:
-        return path.read_bytes()
+        return given_bytes(path)
     except OSError as error:
         reason = (error.strerror or str(error)).lower()
         raise ConfigError(f"{path}: cannot be read ({reason}); render.backgrounds takes photos") from error
