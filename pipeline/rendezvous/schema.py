@@ -174,14 +174,14 @@ _TRAJECTORY = "s, m, m, rad"
 _IDENTITY = (
     Column(name="pair_id", type=pa.string(), about="Unique name of this row: the event and its observer."),
     Column(name="event_id", type=pa.string(), about="The rendezvous; its two rows share it if both robots see each other."),
-    Column(name="episode_id", type=pa.string(), about="The exploration of one plan from one pair of starts."),
+    Column(name="episode_id", type=pa.string(), about="The exploration of one plan from one pair of starts. Of recorded pairs their source: the log's file, the start of its SHA-256, and the scans of each robot in the order of driving."),
     Column(name="observer", type=pa.int32(), about="Which robot of the episode, 0 or 1, is this row's robot 0."),
-    Column(name="plan_id", type=pa.string(), about="Name of the floor plan."),
-    Column(name="plan_digest", type=pa.string(), about="SHA-256 of the plan's geometry; splits go by it."),
+    Column(name="plan_id", type=pa.string(), about="Name of the floor plan; of the building where a log was recorded."),
+    Column(name="plan_digest", type=pa.string(), about="SHA-256 of the plan's geometry (of the building's name); splits go by it."),
     Column(name="seed", type=pa.int64(), about="The run's root seed."),
     Column(name="t_s", type=pa.float64(), unit="s", about="Simulated time of the sighting, since the robots started."),
-    Column(name="drive", type=pa.string(), about="How the robots were driven: `wheels` or `planar`."),
-    Column(name="furniture_density", type=pa.float64(), about="Density of the furniture; 0 for empty rooms."),
+    Column(name="drive", type=pa.string(), about="How the robots were driven: `wheels` or `planar`; `recorded` in pairs of real logs."),
+    Column(name="furniture_density", type=pa.float64(), nullable=True, about="Density of the furniture; 0 for empty rooms, null in recorded pairs."),
 )  # fmt: skip
 
 _MAPS = (

@@ -26,6 +26,7 @@ from rendezvous.cli.options import (
     choice,
     make_run,
 )
+from rendezvous.cli.replay import replay
 from rendezvous.cli.see import see
 from rendezvous.cli.slam import slam
 from rendezvous.cli.streams import spell_out_what_the_encoding_lacks
@@ -133,6 +134,7 @@ def _make_dataset(run: Run) -> None:
 for _stage in DATASET_STAGES:
     _dataset_command(_stage, STAGES[_stage].about)
 _dataset_command("dataset", "All of the above, in order.")
+app.command(help=STAGES["replay"].about)(replay)
 app.command(help=STAGES["train"].about)(train)
 app.command(help=STAGES["train_pose"].about)(train_pose)
 for _command in (

@@ -82,7 +82,7 @@ def _check_flow(stages: Mapping[str, StageLinks], file: str) -> None:
                 "small letters, digits, '-' and '_'"
             )
         entry = STAGES.get(name)
-        shared = entry is not None and entry.beside_data
+        shared = entry is not None and (entry.beside_data or entry.apart)
         if not shared and (other := folders.setdefault(stage.writes, name)) != name:
             raise ConfigError(
                 f"{file}: stages.{name}.writes is {stage.writes!r}, as is {other}'s; each stage needs its own"

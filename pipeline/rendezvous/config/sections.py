@@ -13,7 +13,11 @@ from rendezvous.errors import ConfigError
 from rendezvous.exploration.records import EpisodeParameters
 from rendezvous.floorplan.generate import GeneratorParameters
 from rendezvous.floorplan.validate import FloorplanLimits
+from rendezvous.recorded.mapped import LidarModel
+from rendezvous.recorded.meetings import Stretches
+from rendezvous.recorded.odometry import DrawnOdometry
 from rendezvous.rendering.draws import PoseDraws
+from rendezvous.slam.slam import SlamParameters
 from rendezvous.store.records import dotted
 from rendezvous.training.parameters import Budget, Optimisation, Sampling
 from rendezvous.training.relative_pose.sampling import PoseSampling
@@ -41,6 +45,24 @@ class StageSection(Section):
         left_out = tuple(f"{self.stage()}.{key}." for key in exclude)
         values = dotted({self.stage(): self.model_dump(mode="json")})
         return {key: value for key, value in values.items() if not f"{key}.".startswith(left_out)}
+
+
+class SplitSection(StageSection):
+    """How a published dataset is split."""
+
+    # validation_fraction, test_fraction: shares of all floor plans or buildings; the rest is for training.
+    validation_fraction: Share
+    test_fraction: Share
+
+    @model_validator(mode="after")
+    def _check_shares(self) -> Self:
+        total = self.validation_fraction + self.test_fraction
+        if round(total, 9) > 1.0:
+            name = self.stage()
+            raise ConfigError(
+                f"{name}.validation_fraction and {name}.test_fraction: sum to {total:g}; must be at most 1"
+            )
+        return self
 
 
 class Generated(Section):
@@ -96,22 +118,40 @@ class RenderSection(StageSection):
     draws: PoseDraws  # shares and ranges of random draws
 
 
-class PackSection(StageSection):
+class PackSection(SplitSection):
     """How the published dataset is split and sharded."""
 
     rows_per_file: PositiveInt  # a file is filled with whole floor plans until it has at least this many rows
-    # validation_fraction, test_fraction: shares of all floor plans; the rest is for training.
-    validation_fraction: Share
-    test_fraction: Share
 
-    @model_validator(mode="after")
-    def _check_shares(self) -> Self:
-        total = self.validation_fraction + self.test_fraction
-        if round(total, 9) > 1.0:
-            raise ConfigError(
-                f"pack.validation_fraction and pack.test_fraction: sum to {total:g}; must be at most 1"
-            )
-        return self
+
+class RecordedLog(Section):
+    """One recorded log, and what is known of it."""
+
+    path: str  # a CARMEN log or a ROS bag
+    building: str | None = None  # where it was recorded; by default the log's name. Splits go by it
+    reference: str | None = None  # the true path in TUM's format, with the log's stamps
+    relations: str | None = None  # Kümmerle's relations: robots meet at their pairs of scans only
+    poses: str = "auto"  # what the poses in a CARMEN log are: auto, odometry or reference
+    range_max_m: Positive | None = None  # readings from here on are no echo; null: found out
+
+    def files(self) -> list[str]:
+        """All files that are read, the log first."""
+        return [self.path, *(name for name in (self.reference, self.relations) if name is not None)]
+
+
+class ReplaySection(SplitSection):
+    """How recorded logs become pairs: stretches of a log become two robots that meet."""
+
+    logs: tuple[RecordedLog, ...]
+    pairs_per_log: PositiveInt
+    draws_per_pair: PositiveInt  # most meetings drawn for each pair that is wanted
+    stretches: Stretches  # length of the robots' ways, and the distance at which they meet
+    overlap: tuple[Share, Share]  # bounds of the maps' overlap; a meeting beyond them is left out
+    least_explored_m2: Annotated[float, Field(ge=0)]  # area that each map must hold
+    robot: str  # a shipped robot or a robot file: the camera that sees, and the cuboid that is seen
+    odometry: DrawnOdometry  # noise of the odometry of logs that have none
+    lidar: LidarModel  # what logs do not say of their lidars
+    slam: SlamParameters  # its `extent_m` follows from the path
 
 
 class TrainingSection(StageSection):
@@ -166,5 +206,6 @@ class Parameters(Section):
     explore: ExploreSection
     render: RenderSection
     pack: PackSection
+    replay: ReplaySection
     train: TrainSection
     train_pose: TrainPoseSection

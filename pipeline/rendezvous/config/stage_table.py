@@ -19,6 +19,8 @@ class Stage:
     # It writes to the working folder, because its output outlives the data. Several stages may share a folder
     # there, with a folder for each run inside.
     beside_data: bool = False
+    # It publishes a dataset of its own, in a data folder of its own: no part of `rendezvous dataset`.
+    apart: bool = False
 
 
 _IN_FLOW_ORDER: Sequence[Stage] = (
@@ -44,6 +46,11 @@ _IN_FLOW_ORDER: Sequence[Stage] = (
         about="Publish sightings and images as a dataset, split by floor plan and described by a card.",
     ),
     Stage(
+        name="replay",
+        apart=True,
+        about="Make pairs out of recorded laser logs of real robots and publish them on their own.",
+    ),
+    Stage(
         name="train",
         reads=("pack",),
         beside_data=True,
@@ -58,5 +65,5 @@ _IN_FLOW_ORDER: Sequence[Stage] = (
 )
 
 STAGES = {stage.name: stage for stage in _IN_FLOW_ORDER}
-DATASET_STAGES = tuple(name for name, stage in STAGES.items() if not stage.beside_data)
+DATASET_STAGES = tuple(name for name, stage in STAGES.items() if not (stage.beside_data or stage.apart))
 """The stages that `rendezvous dataset` runs."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import replace
 from pathlib import Path
 
@@ -69,3 +70,28 @@ def with_reference(log: LaserLog, path: Path) -> LaserLog:
         odometry=None if log.odometry is None else log.odometry[inside],
         odometry_start=None if log.odometry_start is None else log.odometry_start[inside],
     )
+
+
+def log_name(path: Path) -> str:
+    """A log's name: that of its file or folder without the suffixes of logs."""
+    name = path.name
+    for suffix in (".gz", ".log", ".clf", ".bag", ".db3", ".mcap"):
+        name = name.removesuffix(suffix)
+    return name
+
+
+def log_digest(path: str) -> str:
+    """SHA-256 of a file; of a folder, of the names and digests of its files.
+
+    Raises:
+        LogError: it cannot be read.
+    """
+    try:
+        if not Path(path).is_dir():
+            with open(path, "rb") as file:
+                return hashlib.file_digest(file, "sha256").hexdigest()
+        files = sorted(file for file in Path(path).iterdir() if file.is_file())
+        lines = [f"{file.name} {log_digest(str(file))}\n" for file in files]
+    except OSError as error:
+        raise LogError(f"{path}: {(error.strerror or str(error)).lower()}; must be a recorded log") from error
+    return hashlib.sha256("".join(lines).encode()).hexdigest()

@@ -91,19 +91,25 @@ def segment_error(poses: Array, reference: Array, travelled_m: Array, length_m: 
 
 
 def relation_error(t_s: Array, poses: Array, relations: Relations) -> PathError | None:
-    """The error of a path (N, 3) by relations; None if there is none between two of its scans.
+    """The error of a path (N, 3) by relations; None if there is none between two of its scans."""
+    pairs, motions = related_scans(t_s, relations)
+    if not len(pairs):
+        return None
+    return error_of(motions_between(poses[pairs[:, 0]], poses[pairs[:, 1]]), motions)
+
+
+def related_scans(t_s: Array, relations: Relations) -> tuple[NDArray[np.int64], Array]:
+    """(R, 2) pairs of scans between which there are relations, and (R, 3) their motions.
 
     If no stamp fits, the log's clock started at zero: the shift that fits most stamps is taken.
     """
-    scans = scans_at(t_s, relations.stamps_s.ravel())
+    stamps_s = relations.stamps_s.ravel()
+    scans = scans_at(t_s, stamps_s)
     if not (scans >= 0).any():
-        scans = scans_at(t_s, relations.stamps_s.ravel() - _shift_s(t_s, relations.stamps_s.ravel()))
+        scans = scans_at(t_s, stamps_s - _shift_s(t_s, stamps_s))
     pairs = scans.reshape(-1, 2)
-    known = (pairs >= 0).all(axis=1)
-    if not known.any():
-        return None
-    first, second = pairs[known].T
-    return error_of(motions_between(poses[first], poses[second]), relations.motions[known])
+    known = (pairs >= 0).all(axis=1) & (pairs[:, 0] != pairs[:, 1])
+    return pairs[known], relations.motions[known]
 
 
 def scans_at(t_s: Array, stamps_s: Array) -> NDArray[np.int64]:

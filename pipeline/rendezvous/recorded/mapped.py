@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from rendezvous.errors import require_within
 from rendezvous.geometry.occupancy_grid import OccupancyGrid
 from rendezvous.geometry.se2 import SE2, Array
 from rendezvous.recorded.laser_log import LaserLog
@@ -24,6 +25,9 @@ class LidarModel:
     sigma_m: float = 0.02  # of a range
     sigma_ratio: float = 0.002  # and what each metre adds to it
     no_echo_free_m: float = 3.0  # how far a beam clears the map if it and its neighbours have no echo
+
+    def __post_init__(self) -> None:
+        require_within(self, sigma_m=(0, 1), sigma_ratio=(0, 1), no_echo_free_m=(0, 100))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

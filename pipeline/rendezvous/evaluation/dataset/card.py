@@ -100,17 +100,17 @@ def dataset_card(
     )
     rows = [(f"`{key}`", f"`{json.dumps(value)}`") for key, value in parameters.items()]
     sections = [
-        _yaml_header(sightings, poses),
-        _INTRODUCTION.format(robot=parameters["explore.robot.name"], split=_splits(sightings)[0])
-        + ("```" if poses is None else _LOADED_POSES.format(split=_splits(poses)[0])),
+        yaml_header(sightings, poses),
+        _INTRODUCTION.format(robot=parameters["explore.robot.name"], split=splits_with_rows(sightings)[0])
+        + ("```" if poses is None else _LOADED_POSES.format(split=splits_with_rows(poses)[0])),
         f"## Splits\n\n{splits}\n\nNo floor plan is in two splits: a plan's split is a "
         f"hash of its geometry. {bytes_total / 1e6:.1f} MB in all.",
-        f"## Episodes\n\n{episodes}{_left_out_list('Episodes', left_out)}",
-        f"## Overlap\n\n![Histogram of the overlap](overlap.png)\n\n{_overlap_table(sightings)}",
-        f"## Quality\n\n{quality_table(sightings)}\n\n{_QUALITY_NOTE}",
+        f"## Episodes\n\n{episodes}{left_out_list('Episodes', left_out)}",
+        f"## Overlap\n\n![Histogram of the overlap](overlap.png)\n\n{overlap_table(sightings)}",
+        f"## Quality\n\n{quality_table(sightings)}\n\n{QUALITY_NOTE}",
         views_section(sightings),
-        *([] if poses is None else [poses_section(poses) + _left_out_list("Images", poses_left_out)]),
-        f"## Columns of `pairs`\n\n{_COLUMNS_NOTE}\n\n{column_table(PAIRS)}",
+        *([] if poses is None else [poses_section(poses) + left_out_list("Images", poses_left_out)]),
+        f"## Columns of `pairs`\n\n{COLUMNS_NOTE}\n\n{column_table(PAIRS)}",
         *([] if poses is None else [f"## Columns of `poses`\n\n{column_table(POSES)}"]),
         *([f"## Licences of the images\n\n{licence_note(parameters)}"] if has_images else []),
         f"## How it was made\n\n{_origin(seeds, versions, unknown)}",
@@ -137,13 +137,13 @@ pairs = load_dataset("path/to/this/folder", split="{split}")
 _LOADED_POSES = """poses = load_dataset("path/to/this/folder", "poses", split="{split}")
 ```"""
 
-_QUALITY_NOTE = """\
+QUALITY_NOTE = """\
 Columns are quantiles; errors are those at the sighting, both robots pooled. Walls agree where an occupied
 cell of one map that lies in the known area of the other is within 0.10 m of an occupied cell there.
 `T_m0_m1_local` is built from the SLAM poses at the meeting and is the label to learn; `T_m0_m1` comes from
 the true starts and contains the drift of both maps."""
 
-_COLUMNS_NOTE = """\
+COLUMNS_NOTE = """\
 SE(2) poses are x [m], y [m], yaw [rad]; `T_a_b` is the pose of frame b in frame a. m0, m1: the robots' map
 frames, each one's true start pose; r0, r1: the robots, on the floor between the wheels, x forward; c: camera,
 x right, y down, z forward; o: centre of the seen robot's cuboid; w: the floor plan."""
@@ -209,7 +209,8 @@ def _pooled(sightings: pa.Table, name: str) -> Array:
     return np.concatenate(columns).astype(np.float64)
 
 
-def _yaml_header(sightings: pa.Table, poses: pa.Table | None) -> str:
+def yaml_header(sightings: pa.Table, poses: pa.Table | None) -> str:
+    """What Hugging Face reads: tags, size, and the files of each table's splits."""
     rows, configs = sightings.num_rows, _yaml_config("pairs", sightings, default=True)
     if poses is not None:
         rows, configs = rows + poses.num_rows, configs + _yaml_config("poses", poses)
@@ -223,18 +224,18 @@ def _yaml_header(sightings: pa.Table, poses: pa.Table | None) -> str:
 
 
 def _yaml_config(name: str, rows: pa.Table, *, default: bool = False) -> str:
-    files = [f"  - split: {s}\n    path: {name}/{s}-*.parquet\n" for s in _splits(rows)]
+    files = [f"  - split: {s}\n    path: {name}/{s}-*.parquet\n" for s in splits_with_rows(rows)]
     first = "  default: true\n" if default else ""
     return f"- config_name: {name}\n{first}  data_files:\n{''.join(files)}"
 
 
-def _splits(rows: pa.Table) -> list[str]:
+def splits_with_rows(rows: pa.Table) -> list[str]:
     """The splits that have rows."""
     present = set(rows["split"].unique().to_pylist())
     return [split for split in SPLITS if split in present]
 
 
-def _left_out_list(title: str, left_out: Sequence[Quarantined]) -> str:
+def left_out_list(title: str, left_out: Sequence[Quarantined]) -> str:
     """How many are left out, with some of the reasons, or '' if none is."""
     if not left_out:
         return ""
@@ -243,7 +244,8 @@ def _left_out_list(title: str, left_out: Sequence[Quarantined]) -> str:
     return f"\n\n{title} left out, because they could not be made: {len(left_out)}. Reasons:\n\n{reasons}"
 
 
-def _overlap_table(sightings: pa.Table) -> str:
+def overlap_table(sightings: pa.Table) -> str:
+    """How many pairs overlap by how much."""
     overlap = sightings["overlap"].to_numpy()
     numbers, _ = np.histogram(overlap, _OVERLAP_EDGES)
     rows = [

@@ -51,8 +51,8 @@ def sighting_rows(
                 "drive": scene.drive,
                 "furniture_density": scene.density,
                 "furniture": scene.furniture,
-                **_seen(sighting, scene.robot),
-                **_pair(scene, event, observer, ghosts),
+                **seen_columns(sighting, scene.robot, scene.robot.camera.T_r_c()),
+                **pair_columns(scene.starts, event, observer, ghosts),
             }
 
 
@@ -67,7 +67,8 @@ def _ghosts(scene: EpisodeScene, event: Rendezvous) -> list[int]:
     return [int(mask.sum()) for mask in masks]
 
 
-def _seen(sighting: Sighting, robot: RobotSpec) -> dict[str, Any]:
+def seen_columns(sighting: Sighting, robot: RobotSpec, T_r0_c: Array) -> dict[str, Any]:
+    """What the camera at `T_r0_c` (4, 4) on robot 0 sees of robot 1; both are of this kind."""
     camera = robot.camera.intrinsics()
     return {
         "range_m": sighting.range_m,
@@ -76,18 +77,27 @@ def _seen(sighting: Sighting, robot: RobotSpec) -> dict[str, Any]:
         "image_width_px": camera.width_px,
         "image_height_px": camera.height_px,
         "K": camera.K(),
-        "T_r0_c": robot.camera.T_r_c(),
+        "T_r0_c": T_r0_c,
         "robot": robot.name,
         "cuboid_size_m": robot.cuboid.size_m,
         "T_r1_o": robot.cuboid.T_r_o(),
     }
 
 
-def _pair(scene: EpisodeScene, event: Rendezvous, observer: int, ghosts: Sequence[int]) -> dict[str, Any]:
-    """The two robots' maps and poses; robot 0 is the observer."""
+def pair_columns(
+    starts: tuple[SE2, SE2], event: Rendezvous, observer: int, ghosts: Sequence[int]
+) -> dict[str, Any]:
+    """The two robots' maps and poses; robot 0 is the observer.
+
+    Args:
+        starts: the true start poses in w, which are the map frames.
+        event: the rendezvous.
+        observer: the robot of the event that becomes robot 0.
+        ghosts: number of cells in each robot's map that the other one left.
+    """
     order = (observer, 1 - observer)
     first, second = (event.snapshots[i] for i in order)
-    T_w_m0, T_w_m1 = (scene.starts[i] for i in order)
+    T_w_m0, T_w_m1 = (starts[i] for i in order)
     T_r0_r1 = first.T_w_r.inverse() @ second.T_w_r
     T_m0_m1 = T_w_m0.inverse() @ T_w_m1
     T_m0_m1_local = first.T_m_r @ T_r0_r1 @ second.T_m_r.inverse()
@@ -101,7 +111,7 @@ def _pair(scene: EpisodeScene, event: Rendezvous, observer: int, ghosts: Sequenc
         "wall_agreement": wall_agreement(first.grid, second.grid, T_m0_m1).share,
     }
     for i, robot in enumerate(order):
-        row |= _robot(i, event.snapshots[robot], scene.starts[robot])
+        row |= _robot(i, event.snapshots[robot], starts[robot])
         row[f"ghost_cells_{i}"] = ghosts[robot]
     return row
 
