@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+import safetensors.torch
 import torch
 
 from rendezvous.errors import ConfigError, StoreError
@@ -94,3 +95,24 @@ def test_weights_of_another_format_are_told(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.undo()
     with pytest.raises(StoreError, match="format 1; must be 2"):
         read_checkpoint(old, where="w.safetensors")
+
+
+@pytest.mark.parametrize("record", ["[]", "1", "null", '"x"', "[" * 100_000, "{}", '{"format": NaN}'])
+def test_a_record_of_another_kind_is_one_line(record: str):
+    data = safetensors.torch.save({"a": torch.zeros(1)}, metadata={"rendezvous": record})
+    with pytest.raises(StoreError, match=r"\Ahere: [^\n]*train anew"):
+        read_checkpoint(data, where="here")
+
+
+@pytest.mark.parametrize(
+    "told",
+    [
+        {"step": None}, {"step": "1"}, {"step": -1}, {"samples": 1.5}, {"elapsed_s": []}, {"curve": 1},
+        {"curve": [1]}, {"curve": [{}]}, {"curve": [{"samples": 1, "more": 2}]},
+    ],
+)  # fmt: skip
+def test_a_run_with_a_wrong_record_is_not_resumed(state: TrainingState, told: dict[str, object]):
+    checkpoint = read_checkpoint(checkpoint_bytes(state, {}), where="here")
+    checkpoint.record.update(told)
+    with pytest.raises(StoreError, match=r"\Ahere: its record of the run has a wrong or missing entry \("):
+        restore_in_place(TrainingState.fresh(tiny_model(), Optimisation()), checkpoint, where="here")

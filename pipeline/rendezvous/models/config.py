@@ -10,6 +10,8 @@ from typing import Any, Self
 
 from rendezvous.errors import ConfigError
 
+_LARGEST = 10_000  # of any whole number: of layers, cells or channels
+
 
 class Config:
     """A frozen dataclass of plain values that all have defaults."""
@@ -93,4 +95,6 @@ def _is_like(value: Any, default: Any) -> bool:
         return isinstance(value, int | float)
     if isinstance(default, tuple):
         return isinstance(value, list | tuple) and all(_is_like(item, default[0]) for item in value)
+    if isinstance(value, int) and abs(value) > _LARGEST:
+        return False
     return isinstance(value, type(default))

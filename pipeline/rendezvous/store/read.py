@@ -13,7 +13,12 @@ import pyarrow.parquet as pq
 
 from rendezvous.errors import StoreError
 from rendezvous.store.disk import Disk
+from rendezvous.store.json_types import require_types
 from rendezvous.store.records import MANIFEST, Manifest, ShardRecord
+from rendezvous.store.tables import column_types
+
+_NO_RECORD = (AttributeError, KeyError, TypeError, ValueError, RecursionError)
+"""Raised where JSON holds something else than a record or a manifest."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -58,23 +63,37 @@ class StageReader:
         """One shard's rows.
 
         Raises:
-            StoreError: the shard is missing or damaged, or lacks one of the columns.
+            StoreError: the shard is missing or damaged, lacks one of the columns, or has one of another type
+                than its record says.
         """
         disk = Disk(self.root)
         again = f"{f'`rendezvous {self.stage}`' if self.stage else 'its stage'} makes it again"
+        table_name = shard.split("/")[0] if "/" in shard else self.stage
+        record = read_record(disk, shard)
         try:
             with disk.filesystem.open_input_file(disk.path(shard)) as source:
                 file = pq.ParquetFile(source)
-                missing = [name for name in columns or () if name not in file.schema_arrow.names]
-                if not missing:
-                    # In one piece: pyarrow 26 takes wrong values of chunked nested fixed-size lists.
-                    return file.read(columns=columns).combine_chunks()
-        except (OSError, pa.ArrowInvalid) as error:
+                types = column_types(file.schema_arrow)
+                wanted = list(file.schema_arrow.names if columns is None else columns)
+                for name in wanted:
+                    if name not in types:
+                        raise StoreError(
+                            f"{disk.shown(shard)}: table {table_name} has no column {name!r}; {again}"
+                        )
+                    right = (record.inputs.columns if record else {}).get(name, types[name])
+                    if types[name] != right:
+                        raise StoreError(
+                            f"{disk.shown(shard)}: column {name!r} of table {table_name} is {types[name]}; "
+                            f"must be {right}; {again}"
+                        )
+                # In one piece: pyarrow 26 takes wrong values of chunked nested fixed-size lists.
+                table = file.read(columns=columns).combine_chunks()
+            table.validate(full=True)
+        except (OSError, pa.ArrowException, UnicodeError) as error:
             raise StoreError(
                 f"{disk.shown(shard)}: cannot be read ({' '.join(str(error).split())}); {again}"
             ) from error
-        table = shard.split("/")[0] if "/" in shard else self.stage
-        raise StoreError(f"{disk.shown(shard)}: table {table} has no column {missing[0]!r}; {again}")
+        return table
 
     def rows(
         self,
@@ -123,17 +142,18 @@ def read_manifest(disk: Disk) -> Manifest | None:
         return None
     try:
         return Manifest.from_json(fields)
-    except (AttributeError, KeyError, TypeError) as error:
+    except _NO_RECORD as error:
         raise StoreError(f"{disk.shown(MANIFEST)}: damaged ({error}); run the stage again") from error
 
 
 def read_record(disk: Disk, shard_name: str) -> ShardRecord | None:
-    """The record of a finished shard; None if it is missing or cannot be read."""
+    """The record of a finished shard; None if it is missing, cannot be read, or is another shard's."""
     try:
         fields = read_json(disk, ShardRecord.record_name(shard_name))
-        return None if fields is None else ShardRecord.from_json(fields)
-    except (AttributeError, KeyError, TypeError, StoreError):
+        record = None if fields is None else ShardRecord.from_json(fields)
+    except (*_NO_RECORD, StoreError):
         return None
+    return record if record is not None and record.name == shard_name else None
 
 
 def read_json(disk: Disk, name: str) -> dict[str, Any] | None:
@@ -141,6 +161,12 @@ def read_json(disk: Disk, name: str) -> dict[str, Any] | None:
     if disk.size(name) is None:
         return None
     try:
-        return dict(json.loads(disk.read(name)))
-    except (TypeError, ValueError) as error:  # another kind of value than an object, or not JSON
+        fields = json.loads(disk.read(name), parse_constant=_no_number)
+        require_types(fields)
+    except (TypeError, ValueError, RecursionError) as error:  # another kind of value, or not JSON
         raise StoreError(f"{disk.shown(name)}: damaged ({error}); run the stage again") from error
+    return dict(fields)
+
+
+def _no_number(name: str) -> float:
+    raise ValueError(f"holds {name}")

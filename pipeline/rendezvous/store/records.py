@@ -11,6 +11,8 @@ from typing import Any
 
 import pyarrow as pa
 
+from rendezvous.store.json_types import require_file_name, require_types, require_values
+
 RECORD_FOLDER = ".shards"
 MANIFEST = "manifest.json"
 
@@ -114,9 +116,24 @@ class ShardRecord:
 
     @classmethod
     def from_json(cls, fields: Mapping[str, Any]) -> ShardRecord:
-        """Inverse of `asdict`."""
+        """Inverse of `asdict`.
+
+        Raises:
+            AttributeError, KeyError, TypeError, ValueError: the fields are those of no record.
+        """
+        require_types(fields, name=str, bytes=int, sha256=str, content_digest=str, rows=int, quarantined=list)
+        require_values(fields, counts=int, items=str, versions=str)
+        require_file_name(fields["name"])
+        inputs = fields["inputs"]
+        require_types(inputs, parameters=dict, version=int)
+        require_values({"columns": {}, **inputs}, items=str, columns=str)
+        if inputs.get("seed") is not None:
+            require_types(inputs, seed=int)
+        json.dumps(inputs["parameters"], allow_nan=False)
+        for entry in fields["quarantined"]:
+            require_types(entry, **dict.fromkeys(entry, str))
         quarantined = tuple(Quarantined(**entry) for entry in fields["quarantined"])
-        return cls(**{**fields, "inputs": Inputs(**fields["inputs"]), "quarantined": quarantined})
+        return cls(**{**fields, "inputs": Inputs(**inputs), "quarantined": quarantined})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -175,6 +192,15 @@ class Manifest:
 
     @classmethod
     def from_json(cls, fields: Mapping[str, Any]) -> Manifest:
+        """Inverse of `to_json`.
+
+        Raises:
+            AttributeError, KeyError, TypeError, ValueError: the fields are those of no manifest.
+        """
+        require_types(fields, stage=str)
+        for entry in fields["files"]:
+            require_types(entry, name=str, bytes=int, sha256=str)
+            require_file_name(entry["name"])
         shards = []
         for entry in fields["shards"]:
             inputs = dict(entry["inputs"])

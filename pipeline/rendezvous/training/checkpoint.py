@@ -9,10 +9,12 @@ import json
 import struct
 from collections.abc import Mapping
 from dataclasses import dataclass
+from math import inf
 from typing import Any
 
 import safetensors
 import safetensors.torch
+import torch
 from torch import Tensor, nn
 
 from rendezvous.errors import ConfigError, StoreError
@@ -20,6 +22,8 @@ from rendezvous.training.loop import TrainingState
 
 _FORMAT = 2
 _RECORD = "rendezvous"
+_NO_CHECKPOINT = (AttributeError, KeyError, TypeError, ValueError, RecursionError, RuntimeError)
+"""Raised where a file holds something else than a checkpoint."""
 _PROGRESS = ("step", "samples", "elapsed_s", "loss_sum", "loss_steps")
 
 
@@ -59,13 +63,15 @@ def read_checkpoint(data: bytes, *, where: str) -> Checkpoint:
     """Inverse of `checkpoint_bytes` and `weights_bytes`.
 
     Raises:
-        StoreError: the file is truncated, or was written by something else.
+        StoreError: the file is truncated, was written by something else, or holds a weight that is no number.
     """
     try:
         tensors = safetensors.torch.load(data)
         (length,) = struct.unpack("<Q", data[:8])
         record = json.loads(json.loads(data[8 : 8 + length])["__metadata__"][_RECORD])
-    except (safetensors.SafetensorError, KeyError, ValueError, struct.error) as error:
+        if not isinstance(record, dict):
+            raise TypeError("its record is no object")
+    except (*_NO_CHECKPOINT, safetensors.SafetensorError, struct.error) as error:
         raise StoreError(
             f"{where}: {len(data)} bytes that are no whole checkpoint ({' '.join(str(error).split())}); "
             "it may have been cut off while it was copied: copy it again, or train anew"
@@ -75,6 +81,9 @@ def read_checkpoint(data: bytes, *, where: str) -> Checkpoint:
             f"{where}: of format {record.get('format')}; must be {_FORMAT}: train anew, in another folder or "
             "after this one is deleted"
         )
+    for name, tensor in tensors.items():
+        if tensor.is_floating_point() and not bool(torch.isfinite(tensor).all()):
+            raise StoreError(f"{where}: {name} holds NaN or infinity; copy it again, or train anew")
     return Checkpoint(record=record, tensors=tensors)
 
 
@@ -88,9 +97,20 @@ def restore_in_place(state: TrainingState[Any], checkpoint: Checkpoint, *, where
 
     Raises:
         ConfigError: the weights do not fit the model.
+        StoreError: the record of the run is not what a run writes.
     """
     fit_weights_in_place(state.model, checkpoint.under("model."), where=where)
     fit_weights_in_place(state.average, checkpoint.under("average."), where=where)
+    try:
+        _restore_progress_in_place(state, checkpoint)
+    except _NO_CHECKPOINT as error:
+        raise StoreError(
+            f"{where}: its record of the run has a wrong or missing entry ({error}); train anew, in another "
+            "folder or after this one is deleted"
+        ) from error
+
+
+def _restore_progress_in_place(state: TrainingState[Any], checkpoint: Checkpoint) -> None:
     moments: dict[int, dict[str, Tensor]] = {}
     for key, value in checkpoint.under("optimizer.").items():
         index, name = key.split(".", 1)
@@ -98,12 +118,26 @@ def restore_in_place(state: TrainingState[Any], checkpoint: Checkpoint, *, where
     groups = state.optimizer.state_dict()["param_groups"]
     state.optimizer.load_state_dict({"state": moments, "param_groups": groups})
     for name in _PROGRESS:
-        setattr(state, name, checkpoint.record[name])
+        kind = type(getattr(state, name))
+        value = checkpoint.record[name]
+        if isinstance(value, bool) or not isinstance(value, (int, kind)) or value < 0 or value == inf:
+            raise TypeError(f"{name} is {value!r:.60}")
+        setattr(state, name, value)
     state.curve = [state.model.point(**point) for point in checkpoint.record["curve"]]
 
 
 def fit_weights_in_place(model: nn.Module, weights: Mapping[str, Tensor], *, where: str) -> None:
     """Load weights into a model.
+
+    Raises:
+        ConfigError: they are another model's; names the first that does not fit.
+    """
+    require_fit(model, weights, where=where)
+    model.load_state_dict(dict(weights))
+
+
+def require_fit(model: nn.Module, weights: Mapping[str, Tensor], *, where: str) -> None:
+    """Check names and shapes; the model may be on the device `meta`, where it takes no memory.
 
     Raises:
         ConfigError: they are another model's; names the first that does not fit.
@@ -117,7 +151,6 @@ def fit_weights_in_place(model: nn.Module, weights: Mapping[str, Tensor], *, whe
                 f"{where}: its weights do not fit the model as configured: {name} is {_shown(have)}; "
                 f"must be {_shown(right)}"
             )
-    model.load_state_dict(dict(weights))
 
 
 def _shown(shape: tuple[int, ...] | None) -> str:

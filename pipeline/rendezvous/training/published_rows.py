@@ -38,16 +38,28 @@ class PublishedRows:
         return sorted(self.table["seed"].unique().to_pylist())
 
 
-def read_split(reader: StageReader, kind: str, split: str, *, columns: Sequence[str]) -> list[pa.Table]:
+def read_split(
+    reader: StageReader, kind: str, split: str, *, columns: Sequence[str], finite: Sequence[str] = ()
+) -> list[pa.Table]:
     """These columns, in this order, of each file of a split.
 
+    Args:
+        reader: of the published dataset.
+        kind: the table, such as `pairs`.
+        split: one of `SPLIT_NAMES`.
+        columns: to read.
+        finite: those of them whose numbers are all finite.
+
     Raises:
-        StoreError: the folder holds no such rows, or a file is missing or damaged or lacks a column.
+        StoreError: the folder holds no such rows, or a file is missing or damaged, lacks a column, or holds a
+            number that is not finite.
     """
     names = [shard.name for shard in reader.shards()]
     splits = {name: its_split for name in names if (its_split := _split_of(name, kind))}
     tables = [
-        reader.table(name, columns=columns).select(list(columns))
+        _with_finite(
+            reader.table(name, columns=columns).select(list(columns)), finite, f"{reader.root}/{name}"
+        )
         for name, its in splits.items()
         if its == split
     ]
@@ -58,6 +70,20 @@ def read_split(reader: StageReader, kind: str, split: str, *, columns: Sequence[
             f"must be a dataset with the splits that `rendezvous pack` writes"
         )
     return tables
+
+
+def _with_finite(table: pa.Table, finite: Sequence[str], where: str) -> pa.Table:
+    for name in finite:
+        for chunk in table[name].chunks:
+            values = chunk
+            while isinstance(values, pa.FixedSizeListArray):
+                values = values.flatten()
+            if values.null_count or not np.isfinite(values.to_numpy(zero_copy_only=False)).all():
+                raise StoreError(
+                    f"{where}: column {name} holds a number that is missing or not finite; `rendezvous pack` "
+                    "makes the file again"
+                )
+    return table
 
 
 def rows_per_split(reader: StageReader, kind: str) -> dict[str, int]:

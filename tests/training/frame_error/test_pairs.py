@@ -6,6 +6,7 @@ import shutil
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
@@ -75,3 +76,19 @@ def test_the_digest_is_of_the_content_not_of_the_files(published: Path, tmp_path
     again = read_pairs(reader_of(tmp_path), "train")
     assert again.digest() == pairs.digest()
     assert read_pairs(reader_of(tmp_path), "test").digest() != pairs.digest()
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), None])
+@pytest.mark.parametrize("column", ["T_m0_m1_local", "origin_0", "resolution_m"])
+def test_a_pose_that_is_no_number_is_named_with_its_file(
+    published: Path, tmp_path: Path, column: str, value: object
+):
+    shutil.copytree(published, tmp_path / "data")
+    path = next((tmp_path / "data" / "dataset" / "pairs").glob("train-*.parquet"))
+    table = pq.read_table(path)
+    rows = table.column(column).to_pylist()
+    rows[0] = [value, 0.0, 0.0] if isinstance(rows[0], list) else value
+    index = table.column_names.index(column)
+    pq.write_table(table.set_column(index, column, pa.array(rows, table.schema.field(column).type)), path)
+    with pytest.raises(StoreError, match=rf"{path.name}: column {column} holds a number that is missing or"):
+        read_pairs(reader_of(tmp_path / "data"), "train")

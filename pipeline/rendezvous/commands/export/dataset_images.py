@@ -14,7 +14,8 @@ import pyarrow.parquet as pq
 
 from rendezvous.errors import StoreError
 from rendezvous.geometry.se2 import Array
-from rendezvous.interop.decoding import PNG_START, decoded
+from rendezvous.interop.decoding import decoded
+from rendezvous.interop.image_header import PNG_START
 from rendezvous.interop.pose_label import PoseLabel, label_of
 from rendezvous.schema import PAIRS, POSES
 from rendezvous.splits import SPLITS

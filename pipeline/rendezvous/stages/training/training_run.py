@@ -128,7 +128,8 @@ def train_in_folder(
 
     Raises:
         StoreError: the folder holds another run, or its checkpoint is damaged.
-        ConfigError: the checkpoint was begun with other parameters or data.
+        ConfigError: the checkpoint was begun with other parameters or data, or the budget ended before the
+            first step.
     """
     folder = out or Path(run.config.stages[section.stage()].writes) / name
     about = {"model": name, "network": model.config(), **more, **_about_data(run, section, tables, rows)}
@@ -181,6 +182,11 @@ def _train(
             observer=recorder,
             clock=time.monotonic,
         )
+        if not state.step:
+            raise ConfigError(
+                f"train {recorder.about['model']}: not one step was made within {section.minutes} minutes, "
+                f"so nothing is written; raise {section.stage()}.minutes (--minutes)"
+            )
         recorder.finish(state)
 
 

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 import torch
 from pydantic import TypeAdapter, ValidationError
-from torch import nn
+from torch import Tensor, nn
 
 from rendezvous.alignment.estimate import Estimate, FrameErrorEstimator
 from rendezvous.alignment.window import WINDOW_CELL_M, WINDOW_CELLS, MapWindow, SearchRange
@@ -25,7 +26,7 @@ from rendezvous.models.relative_pose_estimator import CloseLook, RelativePoseEst
 from rendezvous.models.relative_pose_network import RelativePoseConfig, RelativePoseNet
 from rendezvous.pose_estimation.observation_model import SeenRobot
 from rendezvous.pose_estimation.pose_calibration import PoseCalibration
-from rendezvous.training.checkpoint import Checkpoint, fit_weights_in_place, read_checkpoint
+from rendezvous.training.checkpoint import Checkpoint, fit_weights_in_place, read_checkpoint, require_fit
 from rendezvous.training.frame_error.registry import (
     DEFAULT_MODEL,
     FrameErrorModel,
@@ -88,13 +89,14 @@ def load(data: bytes, name: str, search: SearchRange, *, where: str, threads: in
     found = _read(data, kind, where=where)
     record = found.record
     torch.set_num_threads(threads)
-    try:
-        sampling = TypeAdapter(Sampling).validate_python(record["sampling"])
-    except ValidationError as error:
-        fault = error.errors()[0]
-        place = ".".join(str(key) for key in fault["loc"])
-        raise ConfigError(f"{where}: sampling.{place}: {fault['msg']}; train anew") from error
+    with _whole_record(where):
+        sampling = _sampling(record, where)
     _require_same_window(kind, sampling, where=where)
+    with _whole_record(where):
+        with torch.device("meta"):  # what the record claims may be larger than the memory
+            claimed = rebuilt_model(kind, record["network"], sampling)
+        calibration = MatcherCalibration.from_dict(record.get("calibration", MatcherCalibration().as_dict()))
+    require_fit(claimed, _averaged(found), where=where)
     model = rebuilt_model(kind, record["network"], sampling)
     _fill_in_place(model, found, where=where)
     if isinstance(model, MatcherModel):
@@ -102,9 +104,7 @@ def load(data: bytes, name: str, search: SearchRange, *, where: str, threads: in
             model=model.network,
             search=search,
             uses_sight=name != "matcher-maps",
-            calibration=MatcherCalibration.from_dict(
-                record.get("calibration", MatcherCalibration().as_dict())
-            ),
+            calibration=calibration,
         )
         return Trained(estimator=estimator, record=record, attention=None)
     assert isinstance(model, PaperModel)
@@ -114,6 +114,15 @@ def load(data: bytes, name: str, search: SearchRange, *, where: str, threads: in
         record=record,
         attention=_attention(network) if isinstance(network, FrameErrorViT) else None,
     )
+
+
+def _sampling(record: Mapping[str, Any], where: str) -> Sampling:
+    try:
+        return TypeAdapter(Sampling).validate_python(record["sampling"])
+    except ValidationError as error:
+        fault = error.errors()[0]
+        place = ".".join(str(key) for key in fault["loc"])
+        raise ConfigError(f"{where}: sampling.{place}: {fault['msg']}; train anew") from error
 
 
 def _require_same_window(kind: str, sampling: Sampling, *, where: str) -> None:
@@ -147,7 +156,7 @@ def load_relative_pose(data: bytes, *, where: str) -> RelativePoseEstimator:
     """
     found = _read(data, POSE_MODEL, where=where)
     record = found.record
-    try:
+    with _whole_record(where):
         network = RelativePoseConfig.from_dict(record["network"])
         sampling, robot = record["sampling"], record["robot"]
         look = CloseLook(
@@ -157,28 +166,60 @@ def load_relative_pose(data: bytes, *, where: str) -> RelativePoseEstimator:
         )
         x_m, y_m, z_m = (float(side) for side in robot["size_m"])
         T_r1_o = np.array(robot["T_r1_o"], np.float64).reshape(4, 4)
-    except (ConfigError, KeyError, TypeError, ValueError) as error:
-        raise ConfigError(
-            f"{where}: its record of the training has a wrong or missing entry ({error}); train anew"
-        ) from error
+        if not (
+            isinstance(robot["name"], str)
+            and np.isfinite([x_m, y_m, z_m]).all()
+            and np.isfinite(T_r1_o).all()
+        ):
+            raise ValueError(f"robot is {robot!r:.60}")
+        calibration = PoseCalibration.from_dict(record.get("calibration", PoseCalibration().as_dict()))
+        with torch.device("meta"):
+            claimed = PoseModel(RelativePoseNet(network))
+    require_fit(claimed, _averaged(found), where=where)
     model = PoseModel(RelativePoseNet(network))
     _fill_in_place(model, found, where=where)
     return RelativePoseEstimator(
         network=model.network,
         robot=SeenRobot(size_m=(x_m, y_m, z_m), T_r1_o=T_r1_o),
         close=look,
-        calibration=PoseCalibration.from_dict(record.get("calibration", PoseCalibration().as_dict())),
+        calibration=calibration,
     )
 
 
 def _read(data: bytes, kind: str, *, where: str) -> Checkpoint:
     found = read_checkpoint(data, where=where)
+    with _whole_record(where):
+        digests = found.record.get("data", {}).get("plan_digests") or []
+        if not all(isinstance(digest, str) for digest in digests):
+            raise TypeError(f"plan_digests is {digests!r:.60}")
     if found.record.get("model") != kind:
         raise ConfigError(f"{where}: weights of {found.record.get('model')!r}; must be those of {kind!r}")
     return found
 
 
+@contextmanager
+def _whole_record(where: str) -> Iterator[None]:
+    """Turn what a record raises that `train` did not write into one line."""
+    try:
+        yield
+    except ConfigError as error:
+        raise error if where in str(error) else _faulty(where, error) from error
+    except (AttributeError, LookupError, TypeError, ValueError, ArithmeticError, RuntimeError) as error:
+        raise _faulty(where, error) from error
+
+
+def _faulty(where: str, error: Exception) -> ConfigError:
+    told = " ".join(f"{error}".split())
+    return ConfigError(
+        f"{where}: its record of the training has a wrong or missing entry ({told:.200}); train anew"
+    )
+
+
+def _averaged(found: Checkpoint) -> dict[str, Tensor]:
+    return found.under("average.") or found.tensors
+
+
 def _fill_in_place(model: nn.Module, found: Checkpoint, *, where: str) -> None:
     """Give the model its averaged weights, and bring it to the GPU if there is one."""
-    fit_weights_in_place(model, found.under("average.") or found.tensors, where=where)
+    fit_weights_in_place(model, _averaged(found), where=where)
     model.to("cuda" if torch.cuda.is_available() else "cpu").eval()

@@ -92,7 +92,12 @@ def read_pairs(dataset: StageReader | str | Path, split: str) -> PairTable:
         StoreError: the folder holds no such split, or a file is missing or damaged or lacks a column.
     """
     reader = dataset if isinstance(dataset, StageReader) else StageReader(str(dataset), "pack")
-    return PairTable(split, pa.concat_tables(read_split(reader, "pairs", split, columns=COLUMNS)))
+    return PairTable(
+        split,
+        pa.concat_tables(
+            read_split(reader, "pairs", split, columns=COLUMNS, finite=(*_POSES, "resolution_m"))
+        ),
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

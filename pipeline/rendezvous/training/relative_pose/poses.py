@@ -105,7 +105,7 @@ def read_poses(reader: StageReader, split: str) -> PoseTable:
     Raises:
         StoreError: the folder holds no such images, or a file is missing or damaged or lacks a column.
     """
-    tables = read_split(reader, KIND, split, columns=COLUMNS)
+    tables = read_split(reader, KIND, split, columns=COLUMNS, finite=("visibility", "T_r1_o"))
     return PoseTable(split, pa.concat_tables([table for table in tables if table.num_rows]))
 
 
