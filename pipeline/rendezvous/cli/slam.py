@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from rendezvous.cli.options import choice
+from rendezvous.commands.fuse.arguments import numbers
 from rendezvous.errors import ConfigError
 
 Poses = Annotated[
@@ -24,7 +25,7 @@ RangeMax = Annotated[
 
 
 def slam(
-    log: Annotated[Path, typer.Argument(help="A CARMEN log (.log, .clf, .gz).")],
+    log: Annotated[Path, typer.Argument(help="A CARMEN log (.log, .clf, .gz) or a ROS bag.")],
     out: Annotated[Path, typer.Option("--out", help="Folder to write the map and the path to.")] = Path(
         "slam"
     ),
@@ -36,9 +37,21 @@ def slam(
     ] = None,
     poses: Poses = "auto",
     range_max: RangeMax = None,
+    topic: Annotated[
+        str | None, typer.Option("--topic", help="Of the scans in a ROS bag, if there are several.")
+    ] = None,
+    lidar_pose: Annotated[
+        str | None,
+        typer.Option(
+            "--lidar-pose",
+            metavar="X,Y,Z,ROLL,PITCH,YAW",
+            help="The lidar on the robot (m, rad); from a bag's transforms by default.",
+        ),
+    ] = None,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Of odometry drawn for a log without.")] = 0,
 ) -> None:
     """Map a recorded laser log; measure the path against reference poses or relations."""
+    mounted = None if lidar_pose is None else numbers("--lidar-pose", lidar_pose, "x,y,z,roll,pitch,yaw")
     if out.exists() and not out.is_dir():
         raise ConfigError(f"--out is {str(out)!r}, a file; must be a folder")
 
@@ -47,7 +60,12 @@ def slam(
     from rendezvous.interop.laser_logs import read_laser_log
 
     read = read_laser_log(
-        log, poses=choice(PosesOf, "--poses", poses), range_max_m=range_max, reference=reference
+        log,
+        poses=choice(PosesOf, "--poses", poses),
+        range_max_m=range_max,
+        reference=reference,
+        topic=topic,
+        lidar_pose=mounted,
     )
     run = run_slam(read, relations=relations, seed=seed)
     files = write_slam(run, out)

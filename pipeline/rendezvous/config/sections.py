@@ -133,6 +133,9 @@ class RecordedLog(Section):
     relations: str | None = None  # Kümmerle's relations: robots meet at their pairs of scans only
     poses: str = "auto"  # what the poses in a CARMEN log are: auto, odometry or reference
     range_max_m: Positive | None = None  # readings from here on are no echo; null: found out
+    topic: str | None = None  # of the scans in a ROS bag; null: there is one
+    # x, y, z [m], roll, pitch, yaw [rad] of a bag's lidar on the robot; null: from its transforms
+    lidar_pose: tuple[float, float, float, float, float, float] | None = None
 
     def files(self) -> list[str]:
         """All files that are read, the log first."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import numpy as np
 
 from rendezvous.errors import LogError
 from rendezvous.interop.carmen_log import PosesOf, read_carmen_log
+from rendezvous.interop.ros_bag import is_ros_bag, read_ros_bag
 from rendezvous.interop.trajectory_files import read_tum
 from rendezvous.recorded.laser_log import LaserLog
 
@@ -22,19 +24,28 @@ def read_laser_log(
     poses: PosesOf = PosesOf.AUTO,
     range_max_m: float | None = None,
     reference: Path | None = None,
+    topic: str | None = None,
+    lidar_pose: Sequence[float] | None = None,
 ) -> LaserLog:
     """Read a log.
 
     Args:
-        path: a CARMEN log.
+        path: a CARMEN log or a ROS bag.
         poses: what the poses in a CARMEN log are; by default that is found out.
         range_max_m: from there on a reading is no echo; by default as the log says, or found out.
         reference: a trajectory in TUM's format with the log's stamps, as the reference instead of the log's.
+        topic: of the scans in a bag; may be left out if there is one.
+        lidar_pose: x, y, z [m], roll, pitch, yaw [rad] of a bag's lidar on the robot; by default from its
+            transforms.
 
     Raises:
         LogError: a file cannot be read or used.
+        SetupError: a package that reads bags is not installed.
     """
-    log = read_carmen_log(path, poses=poses, range_max_m=range_max_m)
+    if is_ros_bag(path):
+        log = read_ros_bag(path, topic=topic, lidar_pose=lidar_pose, range_max_m=range_max_m)
+    else:
+        log = read_carmen_log(path, poses=poses, range_max_m=range_max_m)
     return log if reference is None else with_reference(log, reference)
 
 

@@ -14,6 +14,9 @@ from rendezvous.recorded.laser_log import LaserLog
 from rendezvous.slam.slam import MOST_CELLS, Slam, SlamParameters, Sweep, compose
 
 _MARGIN_M = 30.0  # mapped beyond the path on all sides
+_NORMALS_TO_M = 20.0  # points nearer than this have normals, if they lie on a wall
+_BEAMS_ABOUT = 1.75  # beams within a normal's radius on either side there: with the point's own at least four
+_WIDEST_NORMAL_M = 0.8
 _DRIFT = 1.1  # a map that drifts is larger than its odometry
 _MOST_EXTENT_M = 400.0
 
@@ -53,7 +56,8 @@ def map_scans(
         order: (N,) indices of the scans, in the order in which they are taken.
         odometry: (N, 2, 3) the robot's pose in any one frame as each of them began and ended.
         lidar: what the log does not say.
-        parameters: `extent_m` is set from the odometry's path.
+        parameters: `extent_m` follows from the odometry's path, and `normal_radius_m` is at least what the
+            lidar's step needs.
     """
     # The frame s sits at the lidar with the robot's axes: a turned lidar only has turned bearings.
     T_r_s = np.array([*log.lidar_xy_m, 0.0])
@@ -62,7 +66,14 @@ def map_scans(
         lidar_x_m=0.0,
         lidar_sigma=(lidar.sigma_m, lidar.sigma_ratio),
         no_echo_m=min(lidar.no_echo_free_m, 0.9 * log.range_max_m),
-        parameters=replace(parameters, extent_m=_extent_m(odometry, parameters.mapping.resolution_m)),
+        parameters=replace(
+            parameters,
+            extent_m=_extent_m(odometry, parameters.mapping.resolution_m),
+            match=replace(
+                parameters.match,
+                normal_radius_m=max(parameters.match.normal_radius_m, _normal_radius_m(log.bearings_rad)),
+            ),
+        ),
     )
     poses = np.empty((len(order), 3))
     for i, scan in enumerate(order):
@@ -74,6 +85,12 @@ def map_scans(
     return Mapped(
         grid=OccupancyGrid(cells=grid.cells, resolution_m=grid.resolution_m, T_m_g=T_m_g), poses=poses
     )
+
+
+def _normal_radius_m(bearings_rad: Array) -> float:
+    """How far a point's neighbours may be for its normal, so that there are enough also far away."""
+    step_rad = float(np.median(np.abs(np.diff(bearings_rad)))) if len(bearings_rad) > 1 else 0.0
+    return min(_BEAMS_ABOUT * step_rad * _NORMALS_TO_M, _WIDEST_NORMAL_M)
 
 
 def _extent_m(odometry: Array, resolution_m: float) -> float:

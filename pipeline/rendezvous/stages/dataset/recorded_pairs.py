@@ -54,7 +54,7 @@ class KnownLog:
 
     def parameters(self) -> dict[str, Any]:
         """What of the log its pairs depend on, besides the files."""
-        given = self.given.model_dump(mode="json", include={"poses", "range_max_m"})
+        given = self.given.model_dump(mode="json", include={"poses", "range_max_m", "topic", "lidar_pose"})
         return {f"replay.log.{key}": value for key, value in given.items()} | {
             "replay.log.building": self.building
         }
@@ -88,6 +88,8 @@ def _rows(
         poses=PosesOf(given.poses),
         range_max_m=given.range_max_m,
         reference=None if given.reference is None else Path(given.reference),
+        topic=given.topic,
+        lidar_pose=given.lidar_pose,
     )
     if log.reference is None:
         raise LogError(
