@@ -6,7 +6,7 @@ from pathlib import Path
 
 from rendezvous.config.strict import Section, load_file, validated_section
 from rendezvous.errors import ConfigError
-from rendezvous.resources import ROBOTS
+from rendezvous.resources import ROBOTS, exists
 from rendezvous.simulation.robot import RobotSpec
 
 _RIGHT = "a robot file, a YAML mapping such as assets/robots/burger/robot.yaml"
@@ -26,9 +26,11 @@ def load_robot(robot: str) -> RobotSpec:
         ConfigError: there is no such file, or it has an unknown key or a wrong value.
     """
     path = _robot_file(robot)
-    if not path.is_file():
+    if not (exists(path) and path.is_file()):
         known = ", ".join(sorted(p.name for p in ROBOTS.iterdir() if (p / "robot.yaml").is_file()))
-        raise ConfigError(f"robot {robot!r}: no file {path}; known robots are {known}, or give a .yaml file")
+        raise ConfigError(
+            f"robot {robot!r:.200}: no file {path!s:.200}; known robots are {known}, or give a .yaml file"
+        )
     return validated_section(_RobotFile, {"robot": load_file(path, right=_RIGHT)}, file=str(path)).robot
 
 

@@ -46,6 +46,8 @@ def test_a_level_scan_sees_the_cap_above_the_chassis_and_the_chassis_below_it() 
         ("lidar", {"z_m": 0.5}, r"lidar\.z_m is 0\.5; must be within the robot's 0\.192 m"),
         ("lidar", {"beams": 0}, "lidar with 0 beams"),
         ("lidar", {"beams": 7}, "at least 8 beams"),
+        ("lidar", {"beams": 10**15}, r"beams is 1000000000000000; must be from 0 to 100000"),
+        ("camera", {"width_px": 10**15}, r"width_px is 1000000000000000; must be from 1 to 20000"),
         ("lidar", {"range_min_m": 3.5}, r"from 3\.5 to 3\.5 m"),
         ("lidar", {"range_min_m": -0.1}, r"from -0\.1 to 3\.5 m"),
         ("lidar", {"rate_hz": 7.0}, r"must divide the controller's 20 Hz, such as 5 or 10"),
@@ -80,3 +82,9 @@ def test_a_misspelt_key_is_told_with_the_one_that_is_meant(tmp_path: Any) -> Non
     path.write_text(text)
     with pytest.raises(ConfigError, match=r"robot\.yaml: unknown key .*trackm.*track_m"):
         load_robot(str(path))
+
+
+@pytest.mark.parametrize("robot", ["x" * 5000, "x" * 5000 + ".yaml", "a\0b.yaml", "/dev/zero.yaml"])
+def test_a_name_that_no_file_has_is_told_in_one_short_line(robot: str):
+    with pytest.raises(ConfigError, match=r"\Arobot .{1,210}: no file .{1,210}; known robots are burger"):
+        load_robot(robot)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Collection
 from typing import Annotated, Any, Self
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
+from pydantic_core import PydanticCustomError
 
 from rendezvous.config.strict import Section
 from rendezvous.errors import ConfigError
@@ -22,7 +24,7 @@ from rendezvous.store.records import dotted
 from rendezvous.training.parameters import Budget, Optimisation, Sampling
 from rendezvous.training.relative_pose.sampling import PoseSampling
 
-PositiveInt = Annotated[int, Field(ge=1)]
+PositiveInt = Annotated[int, Field(ge=1, le=10**9)]
 Positive = Annotated[float, Field(gt=0)]
 Share = Annotated[float, Field(ge=0, le=1)]
 Seed = Annotated[int, Field(ge=0, le=2**63 - 1)]  # a column of the dataset holds it in 64 bits
@@ -68,7 +70,7 @@ class SplitSection(StageSection):
 class Generated(Section):
     """Generated plans: how many, and from what they are drawn."""
 
-    count: Annotated[int, Field(ge=0)]
+    count: Annotated[int, Field(ge=0, le=10**9)]
     plans: GeneratorParameters
 
 
@@ -108,7 +110,7 @@ class RenderSection(StageSection):
 
     plans_per_shard: PositiveInt  # at most; a shard never spans two of `explore` (in training: of `meshes`)
     views: bool  # whether to take the picture of each sighting
-    poses_per_plan: Annotated[int, Field(ge=0)]  # training images in each plan
+    poses_per_plan: Annotated[int, Field(ge=0, le=10**9)]  # training images in each plan
     poses_per_furnishing: PositiveInt  # consecutive training images with the same furniture
     furniture_density: Annotated[float, Field(ge=0, le=3)]  # in training: 0 none, 1 moderate, 2 crowded
     texture_variants: Annotated[int, Field(ge=1, le=16)]  # textures of each kind (wood, cloth, ...)
@@ -171,6 +173,15 @@ class TrainingSection(StageSection):
     def budget(self) -> Budget:
         """When training ends."""
         return Budget(samples=self.samples, duration_s=None if self.minutes is None else 60.0 * self.minutes)
+
+    @field_validator("settings")
+    @classmethod
+    def _check_settings(cls, settings: dict[str, Any]) -> dict[str, Any]:
+        try:
+            json.dumps(settings, allow_nan=False)
+        except ValueError as error:
+            raise PydanticCustomError("finite", "must hold finite numbers, texts and lists") from error
+        return settings
 
     @model_validator(mode="after")
     def _check_budget(self) -> Self:

@@ -138,6 +138,8 @@ class RobotSpec:
         for name, value in _numbers(asdict(self)):
             if name.endswith(_POSITIVE) and not value > 0.0:
                 raise ConfigError(f"robot {self.name}: {name} is {value}; must be positive")
+        require_within(self.lidar, beams=(0, 100_000))
+        require_within(self.camera, width_px=(1, 20_000), height_px=(1, 20_000))
         lidar, chassis = self.lidar, self.chassis
         if not chassis.bottom_z_m < chassis.top_z_m <= self.size_m[2]:
             raise ConfigError(

@@ -17,6 +17,7 @@ from rendezvous.geometry.camera import Image
 from rendezvous.interop.decoding import decoded
 from rendezvous.interop.given_file import given_bytes
 from rendezvous.interop.image_header import MAX_PIXELS, image_header
+from rendezvous.resources import exists
 
 SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp")
 
@@ -78,8 +79,8 @@ def photo_folder(folder: str | None) -> PhotoFolder:
     if folder is None:
         return PhotoFolder(())
     root = Path(folder)
-    if not root.is_dir():
-        raise ConfigError(f"render.backgrounds is {folder!r}; must be a folder of photos, or null")
+    if not (exists(root) and root.is_dir()):
+        raise ConfigError(f"render.backgrounds is {folder!r:.200}; must be a folder of photos, or null")
     paths = sorted(p for p in root.rglob("*") if p.suffix.lower() in SUFFIXES and not p.is_dir())
     if not paths:
         raise ConfigError(f"render.backgrounds: no photo in {folder} ({', '.join(SUFFIXES)})")
