@@ -251,7 +251,9 @@ def test_what_is_no_bag_is_one_line(tmp_path, name, content):
 
 
 def test_a_missing_bag_and_one_without_scans_are_one_line(tmp_path):
-    with pytest.raises(LogError, match="must be a bag of ROS 1 or ROS 2"):
+    with pytest.raises(
+        LogError, match=r"none.bag: no such file or directory; must be a bag of ROS 1 or ROS 2"
+    ):
         read_ros_bag(tmp_path / "none.bag")
     bag = Bag("mcap")
     bag.odometry(1.0, (0.0, 0.0, 0.0))

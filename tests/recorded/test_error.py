@@ -68,5 +68,5 @@ def test_no_relation_between_two_scans_gives_no_error():
 
 
 def test_scans_are_found_by_their_stamps():
-    stamps_s = np.array([10.0, 11.02, 10.35, 70.01, 99.0])
+    stamps_s = np.array([10.0, 11.015, 10.35, 70.01, 99.0])
     assert scans_at(10.0 + np.arange(61), stamps_s).tolist() == [0, 1, -1, 60, -1]

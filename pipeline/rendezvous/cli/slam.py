@@ -7,9 +7,10 @@ from typing import Annotated
 
 import typer
 
-from rendezvous.cli.options import choice
+from rendezvous.cli.options import Config, Overrides, choice
 from rendezvous.commands.fuse.arguments import numbers
 from rendezvous.errors import ConfigError
+from rendezvous.resources import located
 
 Poses = Annotated[
     str,
@@ -48,14 +49,20 @@ def slam(
             help="The lidar on the robot (m, rad); from a bag's transforms by default.",
         ),
     ] = None,
+    config: Config = None,
+    overrides: Overrides = [],  # noqa: B006 - Typer reads the default, nothing writes it
     seed: Annotated[int, typer.Option("--seed", min=0, help="Of odometry drawn for a log without.")] = 0,
 ) -> None:
-    """Map a recorded laser log; measure the path against reference poses or relations."""
+    """Map a recorded laser log; measure the path against reference poses or relations.
+
+    SLAM has the parameters of the stage `replay`.
+    """
     mounted = None if lidar_pose is None else numbers("--lidar-pose", lidar_pose, "x,y,z,roll,pitch,yaw")
     if out.exists() and not out.is_dir():
         raise ConfigError(f"--out is {str(out)!r}, a file; must be a folder")
 
     from rendezvous.commands.slam import run_slam, write_slam
+    from rendezvous.config.load import load_config
     from rendezvous.interop.carmen_log import PosesOf
     from rendezvous.interop.laser_logs import read_laser_log
 
@@ -67,7 +74,15 @@ def slam(
         topic=topic,
         lidar_pose=mounted,
     )
-    run = run_slam(read, relations=relations, seed=seed)
+    section = load_config(config or located("stages.yaml"), overrides=overrides).replay
+    run = run_slam(
+        read,
+        relations=relations,
+        parameters=section.slam,
+        lidar=section.lidar,
+        noise=section.odometry,
+        seed=seed,
+    )
     files = write_slam(run, out)
     print(*run.lines(), sep="\n")
     print(*files, sep=", ")

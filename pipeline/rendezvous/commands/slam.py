@@ -82,24 +82,22 @@ def _shown(error: PathError) -> str:
 def run_slam(
     log: LaserLog,
     *,
-    relations: Path | None = None,
-    parameters: SlamParameters | None = None,
-    lidar: LidarModel | None = None,
-    noise: DrawnOdometry | None = None,
-    seed: int = 0,
+    relations: Path | None,
+    parameters: SlamParameters,
+    lidar: LidarModel,
+    noise: DrawnOdometry,
+    seed: int,
 ) -> SlamRun:
-    """Map a whole log and measure the path.
+    """Map a whole log and measure the path; noise and seed are those of odometry drawn for a log without.
 
     Raises:
         LogError: the relations cannot be read, or none lies between two scans of the log.
     """
     known = None if relations is None else read_relations(relations)
     order = np.arange(len(log), dtype=np.int64)
-    odometry = odometry_of(log, order, noise or DrawnOdometry(), rng=stream(seed, "slam", "odometry"))
+    odometry = odometry_of(log, order, noise, rng=stream(seed, "slam", "odometry"))
     started_s = time.perf_counter()
-    mapped = map_scans(
-        log, order, odometry, lidar=lidar or LidarModel(), parameters=parameters or SlamParameters()
-    )
+    mapped = map_scans(log, order, odometry, lidar=lidar, parameters=parameters)
     seconds = time.perf_counter() - started_s
     errors = _reference_errors(log, mapped.poses)
     if known is not None:

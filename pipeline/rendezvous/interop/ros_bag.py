@@ -137,6 +137,8 @@ def _messages(path: Path) -> list[tuple[str, str, Any, float]]:
     with needs_extra("ros", "reading ROS bags"):
         from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore
+    if not path.exists():
+        raise LogError(f"{path}: no such file or directory; must be {RIGHT}")
     try:
         with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
             wanted = [c for c in reader.connections if c.msgtype in (_SCAN, _ODOMETRY, *_TRANSFORMS)]

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from rendezvous.geometry.se2 import Array
 
-_SAME_SCAN_S = 0.05  # logs round their stamps
+_SAME_SCAN_S = 0.02  # logs round their stamps
 _BIN_S = 0.01
 _TRIED = 400  # stamps of relations from which the shift of a log's clock is found
 
@@ -108,7 +108,7 @@ def related_scans(t_s: Array, relations: Relations) -> tuple[NDArray[np.int64], 
     if not (scans >= 0).any():
         scans = scans_at(t_s, stamps_s - _shift_s(t_s, stamps_s))
     pairs = scans.reshape(-1, 2)
-    known = (pairs >= 0).all(axis=1) & (pairs[:, 0] != pairs[:, 1])
+    known = (pairs >= 0).all(axis=1)
     return pairs[known], relations.motions[known]
 
 
