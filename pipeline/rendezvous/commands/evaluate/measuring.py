@@ -168,5 +168,5 @@ def _kept(measurement: Measurement[Item, Outcome], cache: Disk, name: str) -> tu
         return None
     try:
         return tuple(measurement.outcome.from_json(row) for row in json.loads(cache.read(name))["rows"])
-    except (ValueError, KeyError, TypeError):
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return None

@@ -167,7 +167,7 @@ def _curve(weights: Path, record: Mapping[str, Any]) -> TrainingCurve | None:
         if any(kept[key] != record[key] for key in ("model", "seed", "samples", "data")):
             return None
         return TrainingCurve.from_points(kept["curve"])
-    except (ValueError, KeyError, TypeError) as error:
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise StoreError(f"{path}: no curve of a training run ({error}); train writes it anew") from error
 
 
