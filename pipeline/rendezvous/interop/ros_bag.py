@@ -97,18 +97,7 @@ def read_ros_bag(
     )
     angles_rad, ranges_m, notes = _one_geometry(scans.messages)
     most_m = float(first.range_max) if range_max_m is None else range_max_m
-    clocks_sound = scans.has_sound_clock() and odometry.has_sound_clock()
-    if not clocks_sound:
-        notes.append("stamps are missing or jump back; when messages were received stands for them")
-    began_s = np.array(scans.own_s if clocks_sound else scans.received_s)
-    odometry_s = np.array(odometry.own_s if clocks_sound else odometry.received_s)
-    kept, t_s, more = rising_stamps(began_s)
-    order = np.argsort(odometry_s, kind="stable")
-    odometry_s, poses = odometry_s[order], np.array(odometry.messages)[order]
-    covered = _covered(t_s, odometry_s)
-    if not covered.all():
-        more.append(f"{np.count_nonzero(~covered)} scans that odometry does not cover are left out")
-    kept, t_s = kept[covered], t_s[covered]
+    kept, t_s, odometry_s, poses = _on_one_clock(scans, odometry, notes)
     sweep_s = _sweep_s(first, len(angles_rad), notes)
     return LaserLog(
         source=str(path),
@@ -120,8 +109,25 @@ def read_ros_bag(
         odometry=_interpolated(t_s + sweep_s, odometry_s, poses),
         odometry_start=_interpolated(t_s, odometry_s, poses),
         reference=None,
-        notes=tuple(notes + more),
+        notes=tuple(notes),
     )
+
+
+def _on_one_clock(
+    scans: _Stamped, odometry: _Stamped, notes: list[str]
+) -> tuple[NDArray[np.int64], Array, Array, Array]:
+    """Indices and times [s] of the scans that odometry covers; times and poses of odometry, in order."""
+    sound = scans.has_sound_clock() and odometry.has_sound_clock()
+    if not sound:
+        notes.append("stamps are missing or jump back; when messages were received stands for them")
+    kept, t_s, repaired = rising_stamps(np.array(scans.own_s if sound else scans.received_s))
+    notes += repaired
+    odometry_s = np.array(odometry.own_s if sound else odometry.received_s)
+    order = np.argsort(odometry_s, kind="stable")
+    covered = _covered(t_s, odometry_s[order])
+    if not covered.all():
+        notes.append(f"{np.count_nonzero(~covered)} scans that odometry does not cover are left out")
+    return kept[covered], t_s[covered], odometry_s[order], np.array(odometry.messages)[order]
 
 
 def _read(path: Path) -> _Bag:
