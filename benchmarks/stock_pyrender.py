@@ -40,7 +40,7 @@ class _Pool:
 
     def __init__(self, setting: RenderJob) -> None:
         from rendezvous.rendering.plan_scene import plan_meshes
-        from rendezvous.rendering.randomise import robot_looks
+        from rendezvous.rendering.robot_family import robot_looks
         from rendezvous.rendering.robot_model import robot_parts
         from rendezvous.rendering.thing_meshes import thing_meshes
         from rendezvous.robot_file import load_robot, load_robot_model

@@ -7,7 +7,7 @@ import pytest
 from rendezvous.errors import SetupError
 from rendezvous.rendering.opengl.gl import check_libraries
 from rendezvous.rendering.opengl.renderer import Renderer
-from tests.rendering.scenes import CAMERA, pool, textures
+from tests.rendering.scenes import pool, textures
 
 
 @pytest.fixture(scope="session")
@@ -16,4 +16,4 @@ def renderer() -> Renderer:
         check_libraries()
     except SetupError as error:
         pytest.skip(str(error))
-    return Renderer(pool(), textures(), width_px=CAMERA.width_px, height_px=CAMERA.height_px)
+    return Renderer(pool(), textures())

@@ -9,7 +9,7 @@ import numpy as np
 
 from rendezvous.rendering.opengl.renderer import Renderer
 from rendezvous.rendering.scene import Scene
-from tests.rendering.scenes import CAMERA, crowded_scene, pool, textures
+from tests.rendering.scenes import crowded_scene, pool, textures
 
 GOLDEN = Path(__file__).parent / "golden.png"
 
@@ -20,5 +20,5 @@ def golden_scene() -> Scene:
 
 
 if __name__ == "__main__":
-    drawn = Renderer(pool(), textures(), width_px=CAMERA.width_px, height_px=CAMERA.height_px)
+    drawn = Renderer(pool(), textures())
     cv2.imwrite(str(GOLDEN), drawn.render(golden_scene()).rgb[:, :, ::-1])

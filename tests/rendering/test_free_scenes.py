@@ -10,15 +10,13 @@ import pytest
 from rendezvous.rendering.appearance.textures import texture_pool
 from rendezvous.rendering.draws import PoseDraws
 from rendezvous.rendering.free_scenes import T_W_C, draw_free, draw_pose
-from rendezvous.rendering.randomise import ROBOT, RobotLooks
-from rendezvous.rendering.scene import Material
+from rendezvous.rendering.randomise import ROBOT
 from rendezvous.robot_file import load_robot
+from tests.rendering.one_part import one_part_looks
 
 BURGER = load_robot("burger")
 CAMERA = BURGER.camera.intrinsics()
-LOOKS = RobotLooks(
-    spec=BURGER, parts={"burger/plates": Material(base_colour_rgb=(0.02, 0.02, 0.02), roughness=0.6)}
-)
+LOOKS = one_part_looks()
 DRAWS = PoseDraws()
 POOL = texture_pool(np.random.default_rng(0), variants=1, size_px=64)
 
@@ -79,7 +77,7 @@ def test_half_of_the_robots_have_a_ground_under_their_wheels():
         for scene in scenes
         for quad in scene.instances
         for part in scene.instances
-        if quad.name == "ground" and part.name.startswith(f"{ROBOT}/")
+        if quad.name == "ground" and part.name == f"{ROBOT}/shell"
     ]
     assert 5 <= len(grounds) <= 15
     for quad, part in grounds:

@@ -19,24 +19,22 @@ from rendezvous.rendering.draws import PoseDraws
 from rendezvous.rendering.plan_scene import draw_room_looks, plan_meshes
 from rendezvous.rendering.randomise import (
     ROBOT,
-    RobotLooks,
     camera_tilt,
     draw_plausible,
-    robot_looks,
     room_scene,
 )
-from rendezvous.rendering.scene import LightKind, Material
+from rendezvous.rendering.robot_family import robot_looks
+from rendezvous.rendering.scene import LightKind
 from rendezvous.rendering.thing_meshes import thing_meshes
 from rendezvous.rendering.viewpoints import draw_robot_poses, furnished_plan
 from rendezvous.robot_file import load_robot
 from tests.floorplan.plans import generated, plan_of
+from tests.rendering.one_part import one_part_looks
 
 BURGER = load_robot("burger")
 VARIANTS = 2
 DRAWS = PoseDraws()
-LOOKS = RobotLooks(
-    spec=BURGER, parts={"burger/plates": Material(base_colour_rgb=(0.02, 0.02, 0.02), roughness=0.6)}
-)
+LOOKS = one_part_looks()
 MESHES = {**plan_meshes(), **thing_meshes()}
 TEXTURES = {texture_key(kind, i) for kind in KINDS for i in range(VARIANTS)}
 
@@ -56,7 +54,7 @@ def _drawn(seed):
 
 
 def _robot(scene):
-    return [instance for instance in scene.instances if instance.name.startswith(f"{ROBOT}/")]
+    return [instance for instance in scene.instances if instance.name == f"{ROBOT}/shell"]
 
 
 def _ground_points(instance):
@@ -140,7 +138,7 @@ def test_equal_rngs_give_equal_scenes_and_others_do_not():
 def test_every_key_is_in_the_pools_and_lights_are_within_limits():
     scenes = [_drawn(seed).scene for seed in SEEDS]
     instances = [x for scene in scenes for x in scene.instances]
-    assert {x.mesh for x in instances} <= {*MESHES, *LOOKS.parts}
+    assert {x.mesh for x in instances} <= {*MESHES, *map(LOOKS.mesh, LOOKS.parts)}
     assert {x.material.texture for x in instances} - {None} <= TEXTURES
     assert all(1 <= len(scene.lights) <= 4 for scene in scenes)
     assert all(sum(light.casts_shadow for light in scene.lights) <= 1 for scene in scenes)
@@ -259,7 +257,7 @@ def test_a_view_with_known_poses_has_the_robot_there():
     room_looks = draw_room_looks(np.random.default_rng(0), place, variants=1)
     T_w_r1 = SE2(3.0, 2.0, 0.7)
     drawn = room_scene(
-        np.random.default_rng(1), place, room_looks, LOOKS, BURGER.camera.intrinsics(), LOOKS.parts, DRAWS,
+        np.random.default_rng(1), place, room_looks, LOOKS.as_built(), BURGER.camera.intrinsics(), DRAWS,
         T_w_c=se3_from_se2(SE2(1.0, 2.0, 0.0)) @ BURGER.camera.T_r_c(), T_w_r1=T_w_r1,
     )  # fmt: skip
     assert all(np.allclose(part.T_w, se3_from_se2(T_w_r1)) for part in _robot(drawn.scene))
@@ -275,9 +273,9 @@ def test_a_robots_parts_become_its_meshes_and_materials():
     part.visual = trimesh.visual.TextureVisuals(material=grey)
     looks, meshes = robot_looks(BURGER, {"lid": part})
     assert meshes == {"burger/lid": (part,)}
-    assert looks.parts["burger/lid"].roughness == 0.5
-    assert looks.parts["burger/lid"].base_colour_rgb == pytest.approx((0.2, 0.3, 0.4), abs=0.005)
-    placed = looks.instances(np.eye(4), looks.parts)
+    assert looks.parts["lid"].material.roughness == 0.5
+    assert looks.parts["lid"].material.base_colour_rgb == pytest.approx((0.2, 0.3, 0.4), abs=0.005)
+    placed = looks.as_built().instances(np.eye(4))
     assert [(x.name, x.mesh) for x in placed] == [("r1/lid", "burger/lid")]
 
 

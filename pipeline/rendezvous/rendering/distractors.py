@@ -6,8 +6,7 @@ Frame t: on the floor at the centre of the thing, z up.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import shapely
@@ -16,63 +15,11 @@ from rendezvous.geometry.camera import se3_from_se2
 from rendezvous.geometry.se2 import SE2, Array
 from rendezvous.rendering.appearance import materials
 from rendezvous.rendering.appearance.materials import Draw
-from rendezvous.rendering.plan_scene import BOX, CYLINDER
-from rendezvous.rendering.scene import Instance, Material
+from rendezvous.rendering.machines import other_robot, speaker, vacuum_cleaner, waste_bin
+from rendezvous.rendering.plan_scene import CYLINDER
+from rendezvous.rendering.scene import Material
+from rendezvous.rendering.thing import Thing, ThingDraw, ThingPart, block, sized
 from rendezvous.rendering.thing_meshes import CABLES
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ThingPart:
-    """A mesh of the pool (by key) in the thing's frame: `T_t` is its (4, 4) pose, which scales it."""
-
-    mesh: str
-    T_t: Array
-    material: Material
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Thing:
-    """A small thing."""
-
-    kind: str  # key into `THINGS`
-    parts: tuple[ThingPart, ...]  # its parts
-    radius_m: float  # radius of the circle about the frame's origin that contains it
-    height_m: float  # height of its top
-
-    def instances(self, T_w_t: Array, *, name: str) -> tuple[Instance, ...]:
-        """Its parts at a pose (4, 4), named `name/0`, `name/1`, ..."""
-        return tuple(
-            Instance(name=f"{name}/{i}", mesh=part.mesh, T_w=T_w_t @ part.T_t, material=part.material)
-            for i, part in enumerate(self.parts)
-        )
-
-
-ThingDraw = Callable[[np.random.Generator, int], Thing]
-"""Draws a thing; the int is the texture pool's number of variants of each kind."""
-
-
-def _sized(x_m: float, y_m: float, z_m: float, *, up_m: float = 0.0, yaw_rad: float = 0.0) -> Array:
-    """Pose that scales a unit mesh to these sides, turns it about z and raises it."""
-    T_t = se3_from_se2(SE2(0.0, 0.0, yaw_rad))
-    T_t[:3, :3] *= (x_m, y_m, z_m)
-    T_t[2, 3] = up_m
-    return T_t
-
-
-def _block(
-    x_m: float,
-    y_m: float,
-    z_m: float,
-    material: Material,
-    *,
-    up_m: float = 0.0,
-    yaw_rad: float = 0.0,
-    aside_m: float = 0.0,
-) -> ThingPart:
-    """A box with these sides and its bottom at `up_m`, shifted along its own y axis."""
-    T_t = _sized(x_m, y_m, z_m, up_m=up_m + 0.5 * z_m, yaw_rad=yaw_rad)
-    T_t[:2, 3] = -math.sin(yaw_rad) * aside_m, math.cos(yaw_rad) * aside_m
-    return ThingPart(mesh=BOX, T_t=T_t, material=material)
 
 
 def _round(
@@ -83,7 +30,7 @@ def _round(
     def make(rng: np.random.Generator, variants: int) -> Thing:
         d_m, h_m = rng.uniform(*diameter_m), rng.uniform(*height_m)
         material = draws[rng.integers(len(draws))](rng, variants)
-        part = ThingPart(mesh=f"thing/{kind}", T_t=_sized(d_m, d_m, h_m), material=material)
+        part = ThingPart(mesh=f"thing/{kind}", T_t=sized(d_m, d_m, h_m), material=material)
         return Thing(kind=kind, parts=(part,), radius_m=0.5 * d_m, height_m=h_m)
 
     return make
@@ -93,7 +40,7 @@ def _carton(rng: np.random.Generator, variants: int) -> Thing:
     """A cardboard box or a crate."""
     x_m, y_m, z_m = rng.uniform(0.08, 0.38), rng.uniform(0.08, 0.3), rng.uniform(0.05, 0.3)
     draw = materials.cardboard if rng.random() < 0.7 else materials.anything_material
-    part = _block(x_m, y_m, z_m, draw(rng, variants))
+    part = block(x_m, y_m, z_m, draw(rng, variants))
     return Thing(kind="carton", parts=(part,), radius_m=0.5 * math.hypot(x_m, y_m), height_m=z_m)
 
 
@@ -106,10 +53,10 @@ def _book_pile(rng: np.random.Generator, variants: int) -> Thing:
         x_m, y_m, z_m = rng.uniform(0.15, 0.3), rng.uniform(0.11, 0.21), rng.uniform(0.012, 0.045)
         yaw_rad, cover = rng.normal(0.0, 0.3), materials.plastic(rng, variants)
         parts += [
-            _block(x_m, y_m, 0.003, cover, up_m=up_m, yaw_rad=yaw_rad),
-            _block(x_m - 0.012, y_m - 0.012, z_m - 0.006, paper, up_m=up_m + 0.003, yaw_rad=yaw_rad),
-            _block(x_m, y_m, 0.003, cover, up_m=up_m + z_m - 0.003, yaw_rad=yaw_rad),
-            _block(
+            block(x_m, y_m, 0.003, cover, up_m=up_m, yaw_rad=yaw_rad),
+            block(x_m - 0.012, y_m - 0.012, z_m - 0.006, paper, up_m=up_m + 0.003, yaw_rad=yaw_rad),
+            block(x_m, y_m, 0.003, cover, up_m=up_m + z_m - 0.003, yaw_rad=yaw_rad),
+            block(
                 x_m, 0.004, z_m - 0.006, cover, up_m=up_m + 0.003, yaw_rad=yaw_rad, aside_m=0.5 * y_m - 0.002
             ),
         ]
@@ -121,7 +68,7 @@ def _cup(rng: np.random.Generator, variants: int) -> Thing:
     """A mug with a handle."""
     d_m, h_m = rng.uniform(0.07, 0.1), rng.uniform(0.08, 0.12)
     material = (materials.ceramic if rng.random() < 0.4 else materials.plastic)(rng, variants)
-    T_t = _sized(d_m, d_m, h_m)
+    T_t = sized(d_m, d_m, h_m)
     parts = tuple(ThingPart(mesh=f"thing/{m}", T_t=T_t, material=material) for m in ("cup", "handle"))
     return Thing(kind="cup", parts=parts, radius_m=0.83 * d_m, height_m=h_m)
 
@@ -131,7 +78,7 @@ def _can(rng: np.random.Generator, variants: int) -> Thing:
     d_m = rng.uniform(0.06, 0.22)
     h_m = d_m * rng.uniform(0.9, 1.9)
     material = (materials.metal if rng.random() < 0.5 else materials.plastic)(rng, variants)
-    part = ThingPart(mesh=CYLINDER, T_t=_sized(d_m, d_m, h_m, up_m=0.5 * h_m), material=material)
+    part = ThingPart(mesh=CYLINDER, T_t=sized(d_m, d_m, h_m, up_m=0.5 * h_m), material=material)
     return Thing(kind="can", parts=(part,), radius_m=0.5 * d_m, height_m=h_m)
 
 
@@ -160,11 +107,11 @@ def _pot_plant(rng: np.random.Generator, variants: int) -> Thing:
     draw = (materials.plastic, materials.ceramic, materials.painted)[rng.integers(3)]
     earth = Material(base_colour_rgb=materials.linear_rgb((0.2, 0.14, 0.1)), roughness=1.0)
     parts = (
-        ThingPart(mesh="thing/cup", T_t=_sized(d_m, d_m, pot_m), material=draw(rng, variants)),
-        ThingPart(mesh=CYLINDER, T_t=_sized(0.86 * d_m, 0.86 * d_m, 0.01, up_m=0.85 * pot_m), material=earth),
+        ThingPart(mesh="thing/cup", T_t=sized(d_m, d_m, pot_m), material=draw(rng, variants)),
+        ThingPart(mesh=CYLINDER, T_t=sized(0.86 * d_m, 0.86 * d_m, 0.01, up_m=0.85 * pot_m), material=earth),
         ThingPart(
             mesh="thing/leaves",
-            T_t=_sized(spread_m, spread_m, leaves_m, up_m=0.85 * pot_m),
+            T_t=sized(spread_m, spread_m, leaves_m, up_m=0.85 * pot_m),
             material=materials.leaf(rng, variants),
         ),
     )
@@ -183,14 +130,14 @@ def _cable(rng: np.random.Generator, variants: int) -> Thing:
         else materials.plastic(rng, variants)
     )
     mesh = f"thing/cable-{rng.integers(CABLES)}"
-    part = ThingPart(mesh=mesh, T_t=_sized(scale, scale, rng.uniform(0.7, 1.1)), material=material)
+    part = ThingPart(mesh=mesh, T_t=sized(scale, scale, rng.uniform(0.7, 1.1)), material=material)
     return Thing(kind="cable", parts=(part,), radius_m=0.33 * scale, height_m=0.009)
 
 
 def _bag(rng: np.random.Generator, variants: int) -> Thing:
     """A backpack or a bag."""
     x_m, y_m, z_m = rng.uniform(0.22, 0.4), rng.uniform(0.14, 0.25), rng.uniform(0.2, 0.42)
-    part = ThingPart(mesh="thing/bag", T_t=_sized(x_m, y_m, z_m), material=materials.fabric(rng, variants))
+    part = ThingPart(mesh="thing/bag", T_t=sized(x_m, y_m, z_m), material=materials.fabric(rng, variants))
     return Thing(kind="bag", parts=(part,), radius_m=0.5 * math.hypot(x_m, y_m), height_m=z_m)
 
 
@@ -198,7 +145,7 @@ def _ball(rng: np.random.Generator, variants: int) -> Thing:
     """A ball, from a tennis ball to a football."""
     d_m = rng.uniform(0.06, 0.24)
     material = (materials.plastic if rng.random() < 0.7 else materials.fabric)(rng, variants)
-    part = ThingPart(mesh="thing/ball", T_t=_sized(d_m, d_m, d_m), material=material)
+    part = ThingPart(mesh="thing/ball", T_t=sized(d_m, d_m, d_m), material=material)
     return Thing(kind="ball", parts=(part,), radius_m=0.5 * d_m, height_m=d_m)
 
 
@@ -217,6 +164,10 @@ THINGS: Mapping[str, ThingDraw] = {
     "bowl": _round(
         "bowl", (0.12, 0.26), (0.05, 0.1), (materials.ceramic, materials.plastic, materials.metal)
     ),
+    "vacuum": vacuum_cleaner,
+    "speaker": speaker,
+    "bin": waste_bin,
+    "robot": other_robot,
     "vase": _round("vase", (0.1, 0.24), (0.18, 0.5), (materials.ceramic, materials.painted)),
 }
 

@@ -12,51 +12,21 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
-import trimesh
 
 from rendezvous.geometry.camera import Image, PinholeCamera, camera_pose, se3_from_se2
 from rendezvous.geometry.se2 import SE2, Array
-from rendezvous.rendering.appearance import materials
 from rendezvous.rendering.appearance.lighting import Lighting, room_lighting
 from rendezvous.rendering.distractors import Thing, draw_thing, place_on_floor
 from rendezvous.rendering.draws import PoseDraws
 from rendezvous.rendering.effects import CameraEffects, draw_effects
 from rendezvous.rendering.plan_scene import RoomLooks, draw_room_looks, room_instances
 from rendezvous.rendering.record import JsonValue, plain
-from rendezvous.rendering.robot_model import part_material
-from rendezvous.rendering.scene import Instance, Material, MeshPool, Scene
+from rendezvous.rendering.robot_family import ROBOT, RobotLooks, Variant
+from rendezvous.rendering.scene import Instance, Scene
 from rendezvous.rendering.viewpoints import FurnishedPlan, RobotPoses, draw_robot_poses
 from rendezvous.simulation.robot import Cuboid, RobotSpec
 
-ROBOT = "r1"  # name of the labelled robot in scenes
-
 VIEW_M = 4.5  # small things farther away than this are not drawn
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RobotLooks:
-    """The labelled robot."""
-
-    spec: RobotSpec  # its dimensions
-    parts: Mapping[str, Material]  # material of each part as built, by mesh key; meshes are in r
-
-    def instances(self, T_w_r1: Array, worn: Mapping[str, Material]) -> tuple[Instance, ...]:
-        """Its parts at a pose (4, 4) in these materials."""
-        return tuple(
-            Instance(name=f"{ROBOT}/{key.rsplit('/', 1)[-1]}", mesh=key, T_w=T_w_r1, material=material)
-            for key, material in worn.items()
-        )
-
-    def worn(self, rng: np.random.Generator, *, extent: float) -> Mapping[str, Material]:
-        """Its materials, each changed a little by wear."""
-        return {key: materials.worn(rng, material, extent=extent) for key, material in self.parts.items()}
-
-
-def robot_looks(spec: RobotSpec, parts: Mapping[str, trimesh.Trimesh]) -> tuple[RobotLooks, MeshPool]:
-    """A robot's looks as built and its meshes by key, from its parts by name."""
-    keyed = {f"{spec.name}/{name}": part for name, part in parts.items()}
-    as_built = {key: part_material(part) for key, part in keyed.items()}
-    return RobotLooks(spec=spec, parts=as_built), {key: (part,) for key, part in keyed.items()}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -116,8 +86,9 @@ def draw_plausible(
     T_r0_c[2, 3] += shift_m
     occluded = poses.T_w_r1 is not None and bool(rng.random() < draws.occluded_share)
     things = _things_on_floor(rng, place, poses, observer, looks.spec, occluded=occluded, variants=variants)
+    robot = looks.draw(rng, draws.robot, wear=1.0, variants=variants)
     drawn = room_scene(
-        rng, place, room_looks, looks, observer.camera.intrinsics(), looks.worn(rng, extent=1.0), draws,
+        rng, place, room_looks, robot, observer.camera.intrinsics(), draws,
         T_w_c=se3_from_se2(poses.T_w_r0) @ T_r0_c, T_w_r1=poses.T_w_r1, things=things,
     )  # fmt: skip
     camera = {"height_shift_m": shift_m, "roll_rad": roll_rad, "pitch_rad": pitch_rad}
@@ -137,9 +108,8 @@ def room_scene(
     rng: np.random.Generator,
     place: FurnishedPlan,
     room_looks: RoomLooks,
-    looks: RobotLooks,
+    robot: Variant,
     camera: PinholeCamera,
-    worn: Mapping[str, Material],
     draws: PoseDraws,
     *,
     T_w_c: Array,
@@ -152,9 +122,8 @@ def room_scene(
         rng: draws light and the camera's effects.
         place: the furnished plan.
         room_looks: its materials.
-        looks: the robot that may be seen.
+        robot: the robot that may be seen.
         camera: intrinsics.
-        worn: materials of that robot's parts.
         draws: holds the share of images with shadows.
         T_w_c: (4, 4) pose of the camera.
         T_w_r1: pose of the robot that may be seen; None if it is absent.
@@ -164,10 +133,10 @@ def room_scene(
     lighting = room_lighting(rng, places_m=places_m, ceiling_m=place.wall_height_m, shadow=shadow)
     effects = draw_effects(rng, light_k=lighting.temperature_k())
     pose = None if T_w_r1 is None else se3_from_se2(T_w_r1)
-    robot = () if pose is None else looks.instances(pose, worn)
-    instances = (*room_instances(place, room_looks), *thing_instances(things), *robot)
-    scene = lit_scene(camera, T_w_c, instances, lighting, robot=bool(robot))
-    record = drawn_record(lighting, room_looks, worn, things, effects)
+    seen = () if pose is None else robot.instances(pose)
+    instances = (*room_instances(place, room_looks), *thing_instances(things), *seen)
+    scene = lit_scene(camera, T_w_c, instances, lighting, robot=bool(seen))
+    record = drawn_record(lighting, room_looks, robot, things, effects)
     return Drawn(scene=scene, effects=effects, T_w_r1=pose, record=record)
 
 
@@ -195,7 +164,7 @@ def lit_scene(
 def drawn_record(
     lighting: Lighting,
     surfaces: RoomLooks | Mapping[str, JsonValue],
-    worn: Mapping[str, Material],
+    robot: Variant,
     things: Sequence[PlacedThing],
     effects: CameraEffects,
 ) -> dict[str, JsonValue]:
@@ -203,7 +172,7 @@ def drawn_record(
     return {
         "lighting": plain(lighting),
         "surfaces": plain(surfaces),
-        "robot": plain(worn),
+        "robot": plain(robot.record),
         "things": plain(list(things)),
         "effects": plain(effects),
     }

@@ -10,8 +10,10 @@ from __future__ import annotations
 import io
 from collections import defaultdict
 from collections.abc import Mapping
+from typing import TypeVar
 
 import numpy as np
+import scipy.interpolate
 import shapely
 import trimesh
 from numpy.typing import NDArray
@@ -23,12 +25,17 @@ from rendezvous.geometry.se2 import Array
 from rendezvous.rendering.scene import Material
 from rendezvous.simulation.robot import Cuboid
 
+P = TypeVar("P")
+
 CREASE_RAD = np.radians(35.0)  # faces that meet at a larger angle keep a sharp edge
 
 INSIDE_TOLERANCE_M = 1e-4
 LEAST_FILLED = 0.5
 
 UPRIGHT: Array = np.eye(4)
+
+DEVICES = ("camera", "lidar")
+"""Kinds of parts of which a robot has one model or another."""
 
 
 class SolidParts:
@@ -63,9 +70,22 @@ class SolidParts:
         mesh = trimesh.creation.revolve(np.array(profile_m), sections=sections)
         self.meshes[part].append(mesh.apply_transform(T_r_axis))
 
+    def tube(self, part: str, points_m: Array, radius_m: float) -> None:
+        """A round tube along a smooth curve through points (N, 3), at least four."""
+        curve = scipy.interpolate.make_interp_spline(np.linspace(0.0, 1.0, len(points_m)), points_m, k=3)
+        path = curve(np.linspace(0.0, 1.0, 4 * len(points_m)))
+        outline = shapely.Point(0, 0).buffer(radius_m, quad_segs=2)
+        self.meshes[part].append(trimesh.creation.sweep_polygon(outline, path, engine="earcut"))
+
     def parts(self) -> dict[str, tuple[trimesh.Trimesh, Material]]:
         """The mesh and material of every part that has a mesh."""
-        return {n: (trimesh.util.concatenate(m), self.materials[n]) for n, m in self.meshes.items()}
+        return {n: (trimesh.util.concatenate(m), self._material(n)) for n, m in self.meshes.items()}
+
+    def _material(self, part: str) -> Material:
+        """The material under the part's own name, or else under the longest of its leading words."""
+        words = part.split(".")
+        names = [".".join(words[:n]) for n in range(len(words), 0, -1)]
+        return next(self.materials[name] for name in names if name in self.materials)
 
 
 def at(x_m: float, y_m: float, z_m: float, *, z_axis: tuple[float, float, float] = (0.0, 0.0, 1.0)) -> Array:
@@ -119,6 +139,22 @@ def robot_parts(glb: bytes, *, source: str) -> dict[str, trimesh.Trimesh]:
     if not parts:
         raise ConfigError(f"{source}: no mesh in the GLB; a robot must have at least one")
     return dict(sorted(parts.items()))
+
+
+def nominal_parts(parts: Mapping[str, P]) -> dict[str, P]:
+    """A robot's parts with the first, by name, of the models of each device that it has.
+
+    The second word in the name of a lidar's or camera's part is its model: `lidar.lds01.head`.
+    """
+    models = {model_of(name) for name in parts} - {None}
+    first = {kind: min(m for k, m in models if k == kind) for kind, _ in models}
+    return {n: p for n, p in parts.items() if (model := model_of(n)) is None or first[model[0]] == model[1]}
+
+
+def model_of(part: str) -> tuple[str, str] | None:
+    """Kind of device and its model, by the name of a part; None for parts of which there is one choice."""
+    words = part.split(".")
+    return (words[0], words[1]) if words[0] in DEVICES and len(words) > 1 else None
 
 
 def part_material(part: trimesh.Trimesh) -> Material:

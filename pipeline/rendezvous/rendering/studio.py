@@ -15,7 +15,8 @@ from rendezvous.rendering.appearance.textures import texture_pool
 from rendezvous.rendering.effects import apply_effects
 from rendezvous.rendering.opengl.renderer import Renderer
 from rendezvous.rendering.plan_scene import plan_meshes
-from rendezvous.rendering.randomise import Drawn, robot_looks
+from rendezvous.rendering.randomise import Drawn
+from rendezvous.rendering.robot_family import robot_looks
 from rendezvous.rendering.scene import RobotView
 from rendezvous.rendering.thing_meshes import thing_meshes
 from rendezvous.simulation.robot import RobotSpec
@@ -60,8 +61,6 @@ class Studio:
         self._renderer = Renderer(
             {**plan_meshes(), **thing_meshes(), **robot_meshes},
             self.textures,
-            width_px=self.camera.width_px,
-            height_px=self.camera.height_px,
         )
 
     @property
@@ -77,6 +76,6 @@ class Studio:
         return Picture(
             rgb=apply_effects(rendering.rgb, drawn.effects),
             T_c_o=T_c_o,
-            projected_cuboid_px=None if T_c_o is None else project_cuboid(T_c_o, size_m, self.camera),
+            projected_cuboid_px=None if T_c_o is None else project_cuboid(T_c_o, size_m, drawn.scene.camera),
             view=self._renderer.robot_view(drawn.scene, rendering),
         )

@@ -22,7 +22,7 @@ from rendezvous.store.read import StageReader, chunks
 from rendezvous.store.records import Inputs, Manifest
 from rendezvous.store.tables import Layout, column_types
 
-VERSION = 2
+VERSION = 3
 LAYOUT = Layout(item_column="plan_id", uncompressed=("image",), row_group_rows=256)
 
 
@@ -87,6 +87,11 @@ def _view_tasks(
     plans = {item.item_id: item for item in meshes.items()}
     section = job.section
     parameters = {"render.draws.shadow_share", "render.jpeg_quality", "render.texture_variants"}
+    drawn = {
+        k: v
+        for k, v in section.parameters().items()
+        if k in parameters or k.startswith("render.draws.robot.")
+    }
     for index, batch in enumerate(chunks(explore.items(), section.plans_per_shard)):
         if gone := [item.item_id for item in batch if item.item_id not in plans]:
             raise StoreError(
@@ -97,7 +102,7 @@ def _view_tasks(
         yield Task(
             name=f"views/{part_name(index)}",
             inputs=Inputs(
-                parameters={k: v for k, v in section.parameters().items() if k in parameters} | shared,
+                parameters=drawn | shared,
                 columns=column_types(VIEWS.arrow()),
                 items={item.item_id: item.digest for item in batch}
                 | {f"{item.item_id} (meshes)": item.digest for item in walls},

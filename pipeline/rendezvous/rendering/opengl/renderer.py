@@ -17,7 +17,6 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
-from rendezvous.errors import PipelineError
 from rendezvous.geometry.camera import Image, PinholeCamera
 from rendezvous.geometry.se2 import Array
 from rendezvous.rendering.opengl.gl import headless_context
@@ -38,7 +37,7 @@ from rendezvous.rendering.scene import (
 
 if TYPE_CHECKING:
     from rendezvous.rendering.opengl.gl_objects import Uniform
-    from rendezvous.rendering.opengl.passes import DrawCall
+    from rendezvous.rendering.opengl.passes import DrawCall, Passes
     from rendezvous.rendering.opengl.resident import Float32
 
 NEAR_M, FAR_M = 0.02, 60.0  # only what is between these distances from the camera is drawn
@@ -54,14 +53,12 @@ CREASE = 2e-6  # second difference of buffer depth above which a pixel is on a c
 
 
 class Renderer:
-    """Renders scenes of one image size from resident pools of meshes and textures.
+    """Renders scenes from resident pools of meshes and textures.
 
     Make one per process: what it uploads stays until the process ends.
     """
 
-    def __init__(
-        self, meshes: MeshPool, textures: TexturePool, *, width_px: int = 640, height_px: int = 480
-    ) -> None:
+    def __init__(self, meshes: MeshPool, textures: TexturePool) -> None:
         """Upload the pools.
 
         Raises:
@@ -69,34 +66,39 @@ class Renderer:
         """
         headless_context()
         # Only now: on import PyOpenGL binds itself to a platform, and fails if libraries are missing.
-        from rendezvous.rendering.opengl.passes import Passes
         from rendezvous.rendering.opengl.resident import ResidentPools
 
-        self._width_px, self._height_px = width_px, height_px
         self._pools = ResidentPools(meshes, textures)
         self._corners = {
             key: np.concatenate([trimesh.bounds.corners(part.bounds) for part in parts])
             for key, parts in meshes.items()
         }
-        self._passes = Passes(width_px=width_px, height_px=height_px, texture_array=self._pools.texture_array)
+        self._passes_by_size: dict[tuple[int, int], Passes] = {}
+
+    def _passes(self, camera: PinholeCamera) -> Passes:
+        """The passes for the camera's image size; those of a size stay."""
+        from rendezvous.rendering.opengl.passes import Passes
+
+        size = (camera.width_px, camera.height_px)
+        if size not in self._passes_by_size:
+            self._passes_by_size[size] = Passes(
+                width_px=size[0], height_px=size[1], texture_array=self._pools.texture_array
+            )
+        return self._passes_by_size[size]
 
     def render(self, scene: Scene) -> Rendering:
         """Render a scene.
 
         Raises:
-            PipelineError: the camera's size is not the renderer's, or a mesh or texture is not in its pool.
+            PipelineError: a mesh or texture is not in its pool.
         """
         camera = scene.camera
-        if (camera.width_px, camera.height_px) != (self._width_px, self._height_px):
-            raise PipelineError(
-                f"scene: camera of {camera.width_px}x{camera.height_px} px; this renderer draws "
-                f"{self._width_px}x{self._height_px} px"
-            )
-        draws = self._upload(enumerate(scene.instances))
+        passes = self._passes(camera)
+        draws = self._upload(passes, enumerate(scene.instances))
         T_clip_w = clip_matrix(camera) @ np.linalg.inv(scene.T_w_c)
         size = {"width_px": camera.width_px, "height_px": camera.height_px}
-        ids = self._passes.ids(draws, T_clip_w, **size)
-        depth = self._passes.depth()
+        ids = passes.ids(draws, T_clip_w, **size)
+        depth = passes.depth()
         shadowed, others = (
             [light for light in scene.lights if light.casts_shadow is shadow] for shadow in (True, False)
         )
@@ -107,7 +109,7 @@ class Renderer:
             "ambient": np.array(scene.ambient_rgb),
             "contact": self._contact(scene),
         }
-        rgba = self._passes.colour(draws, T_clip_w, T_shadow_w, light, _edges(ids, depth))
+        rgba = passes.colour(draws, T_clip_w, T_shadow_w, light, _edges(ids, depth))
         return Rendering(rgb=_over(rgba, scene.background), instance_ids=ids, depth_m=_metres(depth))
 
     def silhouette_px(self, scene: Scene) -> int:
@@ -118,19 +120,20 @@ class Renderer:
         robot = [(i, scene.instances[i]) for i in scene.robot_ids()]
         if not robot:
             return 0
-        draws = self._upload(robot)
+        passes, width, height = self._passes(scene.camera), scene.camera.width_px, scene.camera.height_px
+        draws = self._upload(passes, robot)
         T_c_w = np.asarray(np.linalg.inv(scene.T_w_c), dtype=np.float64)
         x0, y0, x1, y1 = self._extent_px(scene.camera, T_c_w, [instance for _, instance in robot])
         count = 0
-        for y in range(y0, y1, self._height_px):
-            for x in range(x0, x1, self._width_px):
-                width_px, height_px = min(self._width_px, x1 - x), min(self._height_px, y1 - y)
+        for y in range(y0, y1, height):
+            for x in range(x0, x1, width):
+                width_px, height_px = min(width, x1 - x), min(height, y1 - y)
                 size = {"width_px": width_px, "height_px": height_px}
                 tile = replace(
                     scene.camera, cx_px=scene.camera.cx_px - x, cy_px=scene.camera.cy_px - y, **size
                 )
                 T_clip_w = clip_matrix(tile) @ T_c_w
-                ids = self._passes.ids(draws, T_clip_w, **size)
+                ids = passes.ids(draws, T_clip_w, **size)
                 count += int(np.count_nonzero(ids != NO_INSTANCE))
         return count
 
@@ -138,7 +141,7 @@ class Renderer:
         """The view of the robot in a rendering of this scene."""
         return robot_view(rendering.instance_ids, scene.robot_ids(), silhouette_px=self.silhouette_px(scene))
 
-    def _upload(self, instances: Iterable[tuple[int, Instance]]) -> list[DrawCall]:
+    def _upload(self, passes: Passes, instances: Iterable[tuple[int, Instance]]) -> list[DrawCall]:
         """Hand over the table of these instances, by id, grouped by mesh in the order of the pool."""
         from rendezvous.rendering.opengl.passes import DrawCall
 
@@ -154,7 +157,7 @@ class Renderer:
                 for i, instance in members:
                     material = instance.material or part.material
                     rows.append(_row(i, instance, material, self._pools.layer(material.texture)))
-        self._passes.upload(np.array(rows, dtype=np.float32).reshape(-1, 4 * ROW_TEXELS))
+        passes.upload(np.array(rows, dtype=np.float32).reshape(-1, 4 * ROW_TEXELS))
         return draws
 
     def _contact(self, scene: Scene) -> Array:

@@ -25,8 +25,8 @@ from rendezvous.rendering.free_scenes import draw_free
 from rendezvous.rendering.opengl.gl import renderer_name
 from rendezvous.rendering.plan_scene import RoomLooks, draw_room_looks
 from rendezvous.rendering.randomise import Drawn, draw_plausible, room_scene
+from rendezvous.rendering.robot_family import Variant
 from rendezvous.rendering.robot_model import robot_parts
-from rendezvous.rendering.scene import Material
 from rendezvous.rendering.studio import Studio
 from rendezvous.rendering.viewpoints import FurnishedPlan, furnished_plan
 from rendezvous.robot_file import load_robot, load_robot_model
@@ -79,11 +79,11 @@ def views(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Rooms:
-    """An episode's furnished plan, and how it and the robots look in all of the episode's images."""
+    """An episode's furnished plan, and how it and the robot seen look in all of the episode's images."""
 
     place: FurnishedPlan
     looks: RoomLooks
-    worn: Mapping[str, Material]
+    robot: Variant
 
 
 def _rooms(
@@ -92,7 +92,9 @@ def _rooms(
     place = furnished_plan(plan_of(walls), solids_of(furniture), wall_height_m=walls["wall_height_m"])
     rng = stream(job.seed, "render", "episode", episode_id)
     looks = draw_room_looks(rng, place, variants=job.section.texture_variants)
-    return _Rooms(place=place, looks=looks, worn=job.studio().looks.worn(rng, extent=1.0))
+    variants = job.section.texture_variants
+    robot = job.studio().looks.draw(rng, job.section.draws.robot, wear=1.0, variants=variants)
+    return _Rooms(place=place, looks=looks, robot=robot)
 
 
 def _drawn_view(job: RenderJob, rooms: _Rooms, sighting: Mapping[str, Any]) -> Drawn:
@@ -105,9 +107,8 @@ def _drawn_view(job: RenderJob, rooms: _Rooms, sighting: Mapping[str, Any]) -> D
         stream(job.seed, "render", "view", sighting["pair_id"]),
         rooms.place,
         rooms.looks,
-        studio.looks,
+        rooms.robot,
         studio.camera,
-        rooms.worn,
         job.section.draws,
         T_w_c=se3_from_se2(T_w_r0) @ studio.robot.camera.T_r_c(),
         T_w_r1=T_w_r1,
@@ -150,9 +151,10 @@ def _furnished(job: RenderJob, plan: Floorplan, wall_height_m: float) -> Iterato
 
 def _pose_row(job: RenderJob, place: FurnishedPlan, pose_id: str, number: int) -> dict[str, Any]:
     studio, plan = job.studio(), place.plan
-    robot, camera = studio.robot, studio.camera
+    robot = studio.robot
     mode = _mode(job, plan.plan_id, number)
     drawn = _drawn_pose(job, place, mode, stream(job.seed, "render", "pose", plan.plan_id, number))
+    camera = drawn.scene.camera
     furnishing = number // job.section.poses_per_furnishing if mode == "plausible" else None
     return {
         "pose_id": pose_id,
