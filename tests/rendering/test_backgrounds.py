@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from rendezvous.rendering.appearance.textures import texture_pool
-from rendezvous.rendering.free_scenes import draw_background, photo_background, room_background
+from rendezvous.rendering.backgrounds import draw_background, photo_background, room_background
 
 POOL = texture_pool(np.random.default_rng(0), variants=1, size_px=128)
 
