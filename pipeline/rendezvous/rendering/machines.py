@@ -62,8 +62,8 @@ def speaker(rng: np.random.Generator, variants: int) -> Thing:
     material = _shell(rng, variants)
     if rng.random() < 0.3:
         d_m, h_m = rng.uniform(0.08, 0.16), rng.uniform(0.1, 0.24)
-        parts = (_drum(d_m, 0.85 * h_m, 0.0, material), _drum(0.9 * d_m, 0.15 * h_m, 0.85 * h_m, RUBBER))
-        return Thing(kind="speaker", parts=parts, radius_m=0.5 * d_m, height_m=h_m)
+        drum = (_drum(d_m, 0.85 * h_m, 0.0, material), _drum(0.9 * d_m, 0.15 * h_m, 0.85 * h_m, RUBBER))
+        return Thing(kind="speaker", parts=drum, radius_m=0.5 * d_m, height_m=h_m)
     x_m, y_m, z_m = rng.uniform(0.1, 0.22), rng.uniform(0.1, 0.2), rng.uniform(0.16, 0.36)
     cones = []
     count = int(rng.integers(1, 4))

@@ -16,13 +16,14 @@ import shapely
 from rendezvous.geometry.camera import Image, PinholeCamera, camera_pose, se3_from_se2
 from rendezvous.geometry.se2 import SE2, Array
 from rendezvous.rendering.appearance.lighting import Lighting, room_lighting
-from rendezvous.rendering.distractors import Thing, draw_thing, place_on_floor
+from rendezvous.rendering.distractors import draw_thing, place_on_floor
 from rendezvous.rendering.draws import PoseDraws
 from rendezvous.rendering.effects import CameraEffects, draw_effects
 from rendezvous.rendering.plan_scene import RoomLooks, draw_room_looks, room_instances
 from rendezvous.rendering.record import JsonValue, plain
 from rendezvous.rendering.robot_family import ROBOT, RobotLooks, Variant
 from rendezvous.rendering.scene import Instance, Scene
+from rendezvous.rendering.thing import Thing
 from rendezvous.rendering.viewpoints import FurnishedPlan, RobotPoses, draw_robot_poses
 from rendezvous.simulation.robot import Cuboid, RobotSpec
 

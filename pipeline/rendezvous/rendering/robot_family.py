@@ -99,7 +99,7 @@ class RobotLooks:
         if "as_built" in record:
             return variant
         added = _additions(rng, draws, self, variants=variants)
-        kinds: list[JsonValue] = sorted({name.split(".")[1] for name in added})
+        kinds = plain(sorted({name.split(".")[1] for name in added}))
         return Variant(parts={**variant.parts, **added}, record={**record, "added": kinds})
 
     def mesh(self, name: str) -> str:
@@ -159,7 +159,7 @@ class RobotLooks:
             "plate_m": plain(levels.new_thick_m),
             "layers": plain([T[:2].tolist() for T in layers]),
             "camera": plain(None if camera is None else camera[:3, 3]),
-            "models": sorted({".".join(m) for n in placed if (m := model_of(n)) is not None}),
+            "models": plain(sorted({".".join(m) for n in placed if (m := model_of(n)) is not None})),
             "missing": missing,
         }
         return placed, record

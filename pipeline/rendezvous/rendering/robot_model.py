@@ -146,7 +146,7 @@ def nominal_parts(parts: Mapping[str, P]) -> dict[str, P]:
 
     The second word in the name of a lidar's or camera's part is its model: `lidar.lds01.head`.
     """
-    models = {model_of(name) for name in parts} - {None}
+    models = [model for name in parts if (model := model_of(name)) is not None]
     first = {kind: min(m for k, m in models if k == kind) for kind, _ in models}
     return {n: p for n, p in parts.items() if (model := model_of(n)) is None or first[model[0]] == model[1]}
 

@@ -16,7 +16,7 @@ from rendezvous.evaluation.dataset.pose_card import POSE_COLUMNS, VIEW_COLUMNS
 from rendezvous.evaluation.dataset.sampling import SHARD, located_columns
 from rendezvous.plan_schema import PLAN_COLUMNS, plan_of
 from rendezvous.schema import PAIRS, POSES, SCHEMA_VERSION, TableSchema
-from rendezvous.splits import SPLITS, split_plans
+from rendezvous.splits import SPLITS, split_of, split_plans
 from rendezvous.stages.dataset.dataset_card import Contents, card_files
 from rendezvous.stages.dataset.published import PackedPlan, pairs_file, poses_file
 from rendezvous.store.read import Item, StageReader
@@ -42,9 +42,12 @@ def pack(run: Run) -> Manifest:
         raise SplitError(_nothing_to_pack(explore))
     views = _rendered(render, VIEW_COLUMNS, _VIEWS)
     poses = _rendered(render, POSE_COLUMNS, _POSES)
-    splits = _splits(section, "pairs", sightings["plan_digest"].unique().to_pylist())
-    if poses is not None:
-        splits |= _splits(section, "poses", poses["plan_digest"].unique().to_pylist())
+    splits = {} if poses is None else _splits(section, "poses", poses["plan_digest"].unique().to_pylist())
+    # Without views the images are what the dataset is for: a split may have images and no pairs.
+    only_images = poses is not None and views is None
+    splits |= _splits(
+        section, "pairs", sightings["plan_digest"].unique().to_pylist(), required=not only_images
+    )
     contents = Contents(
         sightings=_with_split(sightings, splits),
         views=views,
@@ -86,12 +89,18 @@ def check_splits(section: PackSection, floorplans: StageReader) -> None:
     _splits(section, "floorplans", [plan_of(row).digest() for row in plans])
 
 
-def _splits(section: PackSection, table: str, plan_digests: Iterable[str]) -> dict[str, str]:
-    """The split of each plan of a table, by its digest."""
+def _splits(
+    section: PackSection, table: str, plan_digests: Iterable[str], *, required: bool = True
+) -> dict[str, str]:
+    """The split of each plan of a table, by its digest; required: none may be empty."""
+    shares = {
+        "validation_fraction": section.validation_fraction,
+        "test_fraction": section.test_fraction,
+    }
+    if not required:
+        return {digest: split_of(digest, **shares) for digest in plan_digests}
     try:
-        return split_plans(
-            plan_digests, validation_fraction=section.validation_fraction, test_fraction=section.test_fraction
-        )
+        return split_plans(plan_digests, **shares)
     except SplitError as error:
         raise SplitError(f"{table}: {error}") from error
 
