@@ -20,6 +20,7 @@ BENCHMARKS = (
     "baselines",
     "training",
     "fuse",
+    "robot_shape",
 )
 
 

@@ -27,6 +27,7 @@ from rendezvous.cli.options import (
     make_run,
 )
 from rendezvous.cli.replay import replay
+from rendezvous.cli.robot_sheet import robot_sheet
 from rendezvous.cli.see import see
 from rendezvous.cli.slam import slam
 from rendezvous.cli.streams import spell_out_what_the_encoding_lacks
@@ -139,7 +140,7 @@ app.command(help=STAGES["train"].about)(train)
 app.command(help=STAGES["train_pose"].about)(train_pose)
 for _command in (
     *(calibrate, calibrate_pose),
-    *(fuse, see, slam, example),
+    *(fuse, see, slam, example, robot_sheet),
     *(evaluate_pose, evaluate, evaluate_fusion, evaluate_all),
 ):
     app.command()(_command)

@@ -21,7 +21,7 @@ Config = Annotated[
     str | None,
     typer.Option("--config", help="Stages and parameters; stages.yaml here, or else the shipped one."),
 ]
-Preset = Annotated[str, typer.Option("--preset", help="smoke, default, large or paper.")]
+Preset = Annotated[str, typer.Option("--preset", help="smoke, default, large, paper or poses.")]
 Overrides = Annotated[
     list[str], typer.Option("--set", metavar="KEY=VALUE", help="Override a parameter; may be repeated.")
 ]

@@ -17,7 +17,7 @@ from rendezvous.rendering.opengl.renderer import Renderer
 from rendezvous.rendering.plan_scene import plan_meshes
 from rendezvous.rendering.randomise import Drawn
 from rendezvous.rendering.robot_family import robot_looks
-from rendezvous.rendering.scene import RobotView
+from rendezvous.rendering.scene import RobotView, Scene
 from rendezvous.rendering.thing_meshes import thing_meshes
 from rendezvous.simulation.robot import RobotSpec
 
@@ -67,6 +67,10 @@ class Studio:
     def robot(self) -> RobotSpec:
         """The robot that is seen."""
         return self.looks.spec
+
+    def render(self, scene: Scene) -> Image:
+        """The picture of a scene without the camera's effects, (H, W, 3) uint8."""
+        return self._renderer.render(scene).rgb
 
     def take(self, drawn: Drawn) -> Picture:
         """Render a scene and label it."""
