@@ -279,10 +279,7 @@ def test_what_was_drawn_before_leaves_no_trace(renderer: Renderer):
 
 def _digest(renderer: Renderer | None, seed: int) -> str:
     """SHA-256 of a rendering, by a renderer of its own if None is given."""
-    size = {"width_px": CAMERA.width_px, "height_px": CAMERA.height_px}
-    drawn = (renderer or Renderer(pool(), textures(), **size)).render(
-        crowded_scene(np.random.default_rng(seed))
-    )
+    drawn = (renderer or Renderer(pool(), textures())).render(crowded_scene(np.random.default_rng(seed)))
     parts = (drawn.rgb, drawn.instance_ids, drawn.depth_m)
     return hashlib.sha256(b"".join(np.ascontiguousarray(part).tobytes() for part in parts)).hexdigest()
 
@@ -313,9 +310,18 @@ def test_memory_stays_flat_over_a_hundred_pictures(renderer: Renderer):
     assert after(100) - warm < 6e6
 
 
-def test_a_camera_of_another_size_is_refused(renderer: Renderer):
-    with pytest.raises(PipelineError, match="camera of 100x144 px; this renderer draws 208x144 px"):
-        renderer.render(scene_of(camera=replace(CAMERA, width_px=100)))
+def test_one_renderer_draws_images_of_several_sizes(renderer: Renderer):
+    """Each as a renderer that has drawn nothing else, and the first again as at first."""
+    scene = crowded_scene(np.random.default_rng(5))
+    wide = replace(scene, camera=replace(CAMERA, width_px=320, height_px=96, cx_px=159.5, cy_px=47.5))
+    first = renderer.render(scene)
+    drawn = renderer.render(wide)
+    assert drawn.rgb.shape == (96, 320, 3)
+    alone = Renderer(pool(), textures()).render(wide)
+    np.testing.assert_array_equal(drawn.rgb, alone.rgb)
+    np.testing.assert_array_equal(drawn.instance_ids, alone.instance_ids)
+    assert renderer.silhouette_px(wide) == Renderer(pool(), textures()).silhouette_px(wide)
+    np.testing.assert_array_equal(renderer.render(scene).rgb, first.rgb)
 
 
 def test_what_is_in_no_pool_is_named(renderer: Renderer):

@@ -44,8 +44,9 @@ class DrawCall:
 class Passes:
     """Programs and framebuffers for one image size."""
 
-    def __init__(self, *, width_px: int, height_px: int, texture_array: int) -> None:
+    def __init__(self, *, width_px: int, height_px: int, vertex_array: int, texture_array: int) -> None:
         self._size = (width_px, height_px)
+        self._vertex_array = vertex_array
         self._id_program = Program(shaders.ID_VERTEX, shaders.ID_FRAGMENT)
         self._depth_program = Program(shaders.ID_VERTEX, shaders.DEPTH_FRAGMENT)
         self._mask_program = Program(shaders.MASK_VERTEX, shaders.MASK_FRAGMENT)
@@ -68,23 +69,33 @@ class Passes:
         self._empty_array = GL.glGenVertexArrays(1)
         self._rows_buffer = GL.glGenBuffers(1)
         self._rows_texture = GL.glGenTextures(1)
+        self._commands_buffer = GL.glGenBuffers(1)
+        self._command_count = 0
 
-    def upload(self, rows: Float32) -> None:
-        """Make (N, 4 ROW_TEXELS) rows the table of instances for the next passes."""
+    def upload(self, draws: Sequence[DrawCall], rows: Float32) -> None:
+        """What the next passes draw: (N, 4 ROW_TEXELS) rows are the table of instances."""
+        commands = np.array(
+            [
+                (d.part.index_count, d.count, d.part.first_index, d.part.first_vertex, d.first_row)
+                for d in draws
+            ],
+            dtype=np.uint32,
+        )
+        self._command_count = len(draws)
+        GL.glBindBuffer(GL.GL_DRAW_INDIRECT_BUFFER, self._commands_buffer)
+        GL.glBufferData(GL.GL_DRAW_INDIRECT_BUFFER, commands.nbytes, commands, GL.GL_STREAM_DRAW)
         GL.glBindBuffer(GL.GL_TEXTURE_BUFFER, self._rows_buffer)
         GL.glBufferData(GL.GL_TEXTURE_BUFFER, rows.nbytes, rows, GL.GL_STREAM_DRAW)
         GL.glActiveTexture(GL.GL_TEXTURE0 + INSTANCES_UNIT)
         GL.glBindTexture(GL.GL_TEXTURE_BUFFER, self._rows_texture)
         GL.glTexBuffer(GL.GL_TEXTURE_BUFFER, GL.GL_RGBA32F, self._rows_buffer)
 
-    def ids(
-        self, draws: Sequence[DrawCall], T_clip_w: Array, *, width_px: int, height_px: int
-    ) -> NDArray[np.int32]:
+    def ids(self, T_clip_w: Array, *, width_px: int, height_px: int) -> NDArray[np.int32]:
         """(H, W) id of the nearest instance, in the corner of the buffer for which the matrix is made."""
         _target(self._id_buffer, (width_px, height_px))
         GL.glClearBufferiv(GL.GL_COLOR, 0, np.full(4, NO_INSTANCE, dtype=np.int32))
         GL.glClear(GL.GL_DEPTH_BUFFER_BIT)
-        _draw(self._id_program, draws, T_clip_w)
+        self._draw(self._id_program, T_clip_w)
         pixels = GL.glReadPixels(0, 0, width_px, height_px, GL.GL_RED_INTEGER, GL.GL_INT)
         return np.frombuffer(pixels, dtype=np.int32).reshape(height_px, width_px)
 
@@ -96,7 +107,6 @@ class Passes:
 
     def colour(
         self,
-        draws: Sequence[DrawCall],
         T_clip_w: Array,
         T_shadow_w: Array,
         light: Mapping[str, Uniform],
@@ -107,7 +117,6 @@ class Passes:
         Uses the depth that `ids` has just left for the same image, so that hidden surfaces are not lit.
 
         Args:
-            draws: what to draw.
             T_clip_w: (4, 4) camera.
             T_shadow_w: (S, 4, 4) world to clip space of each light with shadows.
             light: the surface shader's other uniforms.
@@ -118,7 +127,7 @@ class Passes:
             _target(framebuffer, (shaders.SHADOW_PX, shaders.SHADOW_PX), clear=GL.GL_DEPTH_BUFFER_BIT)
             GL.glEnable(GL.GL_POLYGON_OFFSET_FILL)
             GL.glPolygonOffset(2.0, 4.0)
-            _draw(self._depth_program, draws, T_shadow_w[shadow])
+            self._draw(self._depth_program, T_shadow_w[shadow])
             GL.glDisable(GL.GL_POLYGON_OFFSET_FILL)
         for unit, (target, texture) in enumerate(self._textures, start=TEXTURES_UNIT):
             GL.glActiveTexture(GL.GL_TEXTURE0 + unit)
@@ -131,16 +140,16 @@ class Passes:
         GL.glClearColor(0.0, 0.0, 0.0, 0.0)
         _target(self._colour_buffer, self._size, clear=GL.GL_COLOR_BUFFER_BIT)
         GL.glDepthFunc(GL.GL_LEQUAL)
-        _draw(program, draws, T_clip_w)
+        self._draw(program, T_clip_w)
         rgba = self._read_colour()
 
         _target(self._fine_buffer, self._fine_size, clear=GL.GL_COLOR_BUFFER_BIT | GL.GL_DEPTH_BUFFER_BIT)
         GL.glColorMask(*4 * [GL.GL_FALSE])
         self._hide_all_but(edges)
-        _draw(self._depth_program, draws, T_clip_w)
+        self._draw(self._depth_program, T_clip_w)
         GL.glColorMask(*4 * [GL.GL_TRUE])
         GL.glDepthFunc(GL.GL_LEQUAL)
-        _draw(program, draws, T_clip_w)
+        self._draw(program, T_clip_w)
         GL.glBindFramebuffer(GL.GL_READ_FRAMEBUFFER, self._fine_buffer)
         GL.glBindFramebuffer(GL.GL_DRAW_FRAMEBUFFER, self._colour_buffer)
         # Halved with linear interpolation, each pixel is the mean of its four samples.
@@ -159,6 +168,19 @@ class Passes:
         GL.glBindVertexArray(self._empty_array)
         GL.glDrawArrays(GL.GL_TRIANGLES, 0, 3)
 
+    def _draw(self, program: Program, T_clip_w: Array) -> None:
+        """Draw all that was uploaded, by one call: calls took a fifth of the time."""
+        program.use(T_clip_w=T_clip_w)
+        GL.glEnable(GL.GL_DEPTH_TEST)
+        GL.glEnable(GL.GL_CULL_FACE)
+        # Row 0 of our images is at the top, of GL's at the bottom: GL sees everything upside down.
+        GL.glFrontFace(GL.GL_CW)
+        GL.glBindVertexArray(self._vertex_array)
+        GL.glBindBuffer(GL.GL_DRAW_INDIRECT_BUFFER, self._commands_buffer)
+        GL.glMultiDrawElementsIndirect(GL.GL_TRIANGLES, GL.GL_UNSIGNED_INT, None, self._command_count, 0)
+        GL.glBindVertexArray(0)
+        GL.glDepthFunc(GL.GL_LESS)
+
     def _read_colour(self) -> Image:
         width_px, height_px = self._size
         rgba = np.empty((height_px, width_px, 4), dtype=np.uint8)
@@ -172,22 +194,3 @@ def _target(framebuffer: int, size: Size, *, clear: int = 0) -> None:
     GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, framebuffer)
     GL.glViewport(0, 0, *size)
     GL.glClear(clear)
-
-
-def _draw(program: Program, draws: Sequence[DrawCall], T_clip_w: Array) -> None:
-    program.use(T_clip_w=T_clip_w)
-    GL.glEnable(GL.GL_DEPTH_TEST)
-    GL.glEnable(GL.GL_CULL_FACE)
-    # Row 0 of our images is at the top, of GL's at the bottom: GL sees everything upside down.
-    GL.glFrontFace(GL.GL_CW)
-    first_row, own_uv = program.location("first_row"), program.location("own_uv")
-    for draw in draws:
-        GL.glUniform1i(first_row, draw.first_row)
-        if own_uv >= 0:  # only the surface programs have textures
-            GL.glUniform1i(own_uv, draw.part.has_uv)
-        GL.glBindVertexArray(draw.part.vertex_array)
-        GL.glDrawElementsInstanced(
-            GL.GL_TRIANGLES, draw.part.index_count, GL.GL_UNSIGNED_INT, None, draw.count
-        )
-    GL.glBindVertexArray(0)
-    GL.glDepthFunc(GL.GL_LESS)

@@ -82,7 +82,10 @@ class Renderer:
         size = (camera.width_px, camera.height_px)
         if size not in self._passes_by_size:
             self._passes_by_size[size] = Passes(
-                width_px=size[0], height_px=size[1], texture_array=self._pools.texture_array
+                width_px=size[0],
+                height_px=size[1],
+                vertex_array=self._pools.vertex_array,
+                texture_array=self._pools.texture_array,
             )
         return self._passes_by_size[size]
 
@@ -94,10 +97,10 @@ class Renderer:
         """
         camera = scene.camera
         passes = self._passes(camera)
-        draws = self._upload(passes, enumerate(scene.instances))
+        self._upload(passes, enumerate(scene.instances))
         T_clip_w = clip_matrix(camera) @ np.linalg.inv(scene.T_w_c)
         size = {"width_px": camera.width_px, "height_px": camera.height_px}
-        ids = passes.ids(draws, T_clip_w, **size)
+        ids = passes.ids(T_clip_w, **size)
         depth = passes.depth()
         shadowed, others = (
             [light for light in scene.lights if light.casts_shadow is shadow] for shadow in (True, False)
@@ -109,7 +112,7 @@ class Renderer:
             "ambient": np.array(scene.ambient_rgb),
             "contact": self._contact(scene),
         }
-        rgba = passes.colour(draws, T_clip_w, T_shadow_w, light, _edges(ids, depth))
+        rgba = passes.colour(T_clip_w, T_shadow_w, light, _edges(ids, depth))
         return Rendering(rgb=_over(rgba, scene.background), instance_ids=ids, depth_m=_metres(depth))
 
     def silhouette_px(self, scene: Scene) -> int:
@@ -121,7 +124,7 @@ class Renderer:
         if not robot:
             return 0
         passes, width, height = self._passes(scene.camera), scene.camera.width_px, scene.camera.height_px
-        draws = self._upload(passes, robot)
+        self._upload(passes, robot)
         T_c_w = np.asarray(np.linalg.inv(scene.T_w_c), dtype=np.float64)
         x0, y0, x1, y1 = self._extent_px(scene.camera, T_c_w, [instance for _, instance in robot])
         count = 0
@@ -133,7 +136,7 @@ class Renderer:
                     scene.camera, cx_px=scene.camera.cx_px - x, cy_px=scene.camera.cy_px - y, **size
                 )
                 T_clip_w = clip_matrix(tile) @ T_c_w
-                ids = passes.ids(draws, T_clip_w, **size)
+                ids = passes.ids(T_clip_w, **size)
                 count += int(np.count_nonzero(ids != NO_INSTANCE))
         return count
 
@@ -141,7 +144,7 @@ class Renderer:
         """The view of the robot in a rendering of this scene."""
         return robot_view(rendering.instance_ids, scene.robot_ids(), silhouette_px=self.silhouette_px(scene))
 
-    def _upload(self, passes: Passes, instances: Iterable[tuple[int, Instance]]) -> list[DrawCall]:
+    def _upload(self, passes: Passes, instances: Iterable[tuple[int, Instance]]) -> None:
         """Hand over the table of these instances, by id, grouped by mesh in the order of the pool."""
         from rendezvous.rendering.opengl.passes import DrawCall
 
@@ -157,8 +160,7 @@ class Renderer:
                 for i, instance in members:
                     material = instance.material or part.material
                     rows.append(_row(i, instance, material, self._pools.layer(material.texture)))
-        passes.upload(np.array(rows, dtype=np.float32).reshape(-1, 4 * ROW_TEXELS))
-        return draws
+        passes.upload(draws, np.array(rows, dtype=np.float32).reshape(-1, 4 * ROW_TEXELS))
 
     def _contact(self, scene: Scene) -> Array:
         """(4,) x, y, z of the centre of the robot's footprint and its radius [m]; zeros without a robot."""

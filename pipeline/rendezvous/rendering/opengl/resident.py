@@ -18,18 +18,20 @@ from rendezvous.rendering.scene import Material, MeshPool, TexturePool
 
 TEXTURE_PX = 512  # all textures' side: one array holds them, and nothing is bound between draws
 
-_ATTRIBUTE_SIZES = (3, 3, 2, 3)  # position, normal, UV, linear colour
+_ATTRIBUTE_SIZES = (3, 3, 2, 3, 1)  # position, normal, UV, linear colour, whether it has UVs
+ROW_ATTRIBUTE = len(_ATTRIBUTE_SIZES)  # an instance's row in the table of instances
+MAX_ROWS = 1 << 16
 
 Float32 = NDArray[np.float32]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ResidentPart:
-    """A part of a mesh: its vertex array, number of indices, whether it has UVs, and its own material."""
+    """A part of a mesh: where it is in the buffers of vertices and indices, and its own material."""
 
-    vertex_array: int
+    first_vertex: int
+    first_index: int
     index_count: int
-    has_uv: bool
     material: Material
 
 
@@ -38,10 +40,27 @@ class ResidentPools:
 
     def __init__(self, meshes: MeshPool, textures: TexturePool) -> None:
         own_textures: dict[str, Image] = {}
-        self.parts: dict[str, tuple[ResidentPart, ...]] = {
-            key: tuple(_upload_part(part, f"{key}[{i}]", own_textures) for i, part in enumerate(parts))
-            for key, parts in meshes.items()
-        }
+        vertices: list[Float32] = []
+        indices: list[NDArray[np.uint32]] = []
+        self.parts: dict[str, tuple[ResidentPart, ...]] = {}
+        first_vertex = first_index = 0
+        for key, parts in meshes.items():
+            resident = []
+            for i, part in enumerate(parts):
+                material = _own_material(part, f"{key}[{i}]", own_textures)
+                vertices.append(_vertex_table(part))
+                indices.append(np.asarray(part.faces, np.uint32).ravel())
+                resident.append(
+                    ResidentPart(
+                        first_vertex=first_vertex,
+                        first_index=first_index,
+                        index_count=indices[-1].size,
+                        material=material,
+                    )
+                )
+                first_vertex, first_index = first_vertex + len(vertices[-1]), first_index + indices[-1].size
+            self.parts[key] = tuple(resident)
+        self.vertex_array = _upload_vertices(np.concatenate(vertices), np.concatenate(indices))
         layers = {**textures, **own_textures}
         self._layers = {key: layer for layer, key in enumerate(layers)}
         self.texture_array = _upload_textures(list(layers.values()))
@@ -61,11 +80,18 @@ class ResidentPools:
         return self.parts[mesh]
 
 
-def _upload_part(part: trimesh.Trimesh, name: str, textures: dict[str, Image]) -> ResidentPart:
-    """Upload a part; the texture of its own material, if any, is added to `textures` under the name."""
-    uv = getattr(part.visual, "uv", None)
-    vertices = _vertex_table(part, uv)
-    indices = np.ascontiguousarray(part.faces, dtype=np.uint32)
+def _own_material(part: trimesh.Trimesh, name: str, textures: dict[str, Image]) -> Material:
+    """The part's own material; the texture of it, if any, is added to `textures` under the name."""
+    material = part_material(part)
+    picture = getattr(getattr(part.visual, "material", None), "baseColorTexture", None)
+    if picture is None:
+        return material
+    textures[name] = np.asarray(picture.convert("RGB"))
+    return replace(material, texture=name)
+
+
+def _upload_vertices(vertices: Float32, indices: NDArray[np.uint32]) -> int:
+    """A vertex array of all meshes, so that one call draws a whole scene."""
     vertex_array = GL.glGenVertexArrays(1)
     GL.glBindVertexArray(vertex_array)
     for target, values in ((GL.GL_ARRAY_BUFFER, vertices), (GL.GL_ELEMENT_ARRAY_BUFFER, indices)):
@@ -75,25 +101,27 @@ def _upload_part(part: trimesh.Trimesh, name: str, textures: dict[str, Image]) -
         GL.glEnableVertexAttribArray(location)
         at = GL.ctypes.c_void_p(4 * sum(_ATTRIBUTE_SIZES[:location]))
         GL.glVertexAttribPointer(location, size, GL.GL_FLOAT, GL.GL_FALSE, 4 * sum(_ATTRIBUTE_SIZES), at)
+    # Row numbers advance by instance, from the first instance that a draw command names.
+    rows = np.arange(MAX_ROWS, dtype=np.uint32)
+    GL.glBindBuffer(GL.GL_ARRAY_BUFFER, GL.glGenBuffers(1))
+    GL.glBufferData(GL.GL_ARRAY_BUFFER, rows.nbytes, rows, GL.GL_STATIC_DRAW)
+    GL.glEnableVertexAttribArray(ROW_ATTRIBUTE)
+    GL.glVertexAttribIPointer(ROW_ATTRIBUTE, 1, GL.GL_UNSIGNED_INT, 4, GL.ctypes.c_void_p(0))
+    GL.glVertexAttribDivisor(ROW_ATTRIBUTE, 1)
     GL.glBindVertexArray(0)
-    material = part_material(part)
-    picture = getattr(getattr(part.visual, "material", None), "baseColorTexture", None)
-    if picture is not None:
-        textures[name] = np.asarray(picture.convert("RGB"))
-        material = replace(material, texture=name)
-    return ResidentPart(
-        vertex_array=int(vertex_array), index_count=indices.size, has_uv=uv is not None, material=material
-    )
+    return int(vertex_array)
 
 
-def _vertex_table(part: trimesh.Trimesh, uv: NDArray[np.float64] | None) -> Float32:
-    """(V, 11) attributes of the vertices."""
+def _vertex_table(part: trimesh.Trimesh) -> Float32:
+    """(V, 12) attributes of the vertices."""
+    uv = getattr(part.visual, "uv", None)
     colours = part.visual.vertex_colors if part.visual.kind in ("vertex", "face") else None
     columns = [
         part.vertices,
         part.vertex_normals,
         np.zeros((len(part.vertices), 2)) if uv is None else uv,
         np.ones((len(part.vertices), 3)) if colours is None else (colours[:, :3] / 255.0) ** 2.2,
+        np.full((len(part.vertices), 1), float(uv is not None)),
     ]
     return np.ascontiguousarray(np.hstack(columns), dtype=np.float32)
 

@@ -15,11 +15,11 @@ _HEADER = "#version 330 core\n"
 _PLACE = f"""
 layout(location = 0) in vec3 position;
 uniform samplerBuffer instances;
-uniform int first_row;
+layout(location = 5) in uint row;
 uniform mat4 T_clip_w;
 invariant gl_Position;  // passes must agree to the last bit on what is nearest
 
-vec4 texel(int i) {{ return texelFetch(instances, {ROW_TEXELS} * (first_row + gl_InstanceID) + i); }}
+vec4 texel(int i) {{ return texelFetch(instances, {ROW_TEXELS} * int(row) + i); }}
 
 vec3 placed(vec3 p) {{
     vec4 h = vec4(p, 1.0);
@@ -49,7 +49,7 @@ SURFACE_VERTEX = f"""{_HEADER}{_PLACE}
 layout(location = 1) in vec3 normal;
 layout(location = 2) in vec2 uv;
 layout(location = 3) in vec3 colour;
-uniform bool own_uv;
+layout(location = 4) in float has_uv;
 out vec3 p_w;
 out vec3 normal_w;
 out vec3 texture_p;  // in repeats of the texture
@@ -58,6 +58,7 @@ out vec3 tint;
 flat out vec4 colour_metallic;
 flat out vec2 roughness_layer;
 void main() {{
+    bool own_uv = has_uv > 0.5;
     p_w = placed(position);
     gl_Position = T_clip_w * vec4(p_w, 1.0);
     mat3 R_S = transpose(mat3(texel(0).xyz, texel(1).xyz, texel(2).xyz));
