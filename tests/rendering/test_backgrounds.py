@@ -4,7 +4,12 @@ import numpy as np
 import pytest
 
 from rendezvous.rendering.appearance.textures import texture_pool
-from rendezvous.rendering.backgrounds import draw_background, photo_background, room_background
+from rendezvous.rendering.backgrounds import (
+    BackgroundStyle,
+    draw_background,
+    photo_background,
+    room_background,
+)
 
 POOL = texture_pool(np.random.default_rng(0), variants=1, size_px=128)
 
@@ -69,3 +74,26 @@ def test_photos_are_used_when_there_are_any():
     assert record["photo"] is None
     again = room_background(np.random.default_rng(record["seed"]), POOL, width_px=16, height_px=16)
     assert np.array_equal(image, again)
+
+
+def test_a_white_background_is_nearly_white_even_where_there_are_photos():
+    black = [np.zeros((200, 300, 3), np.uint8)]
+    for seed in range(10):
+        image, record = draw_background(
+            np.random.default_rng(seed), POOL, black, width_px=160, height_px=120, style=BackgroundStyle.WHITE
+        )
+        assert image.shape == (120, 160, 3)
+        assert image.min() > 170
+        assert np.ptp(image.astype(int), axis=2).max() < 16
+        assert record["style"] == "white"
+
+
+def test_a_busy_background_has_more_edges_than_another():
+    def edges(busy: bool) -> float:
+        images = [
+            room_background(np.random.default_rng(s), POOL, width_px=320, height_px=240, busy=busy)
+            for s in range(8)
+        ]
+        return float(np.mean([np.abs(np.diff(image.astype(float), axis=1)).mean() for image in images]))
+
+    assert edges(True) > 1.5 * edges(False)

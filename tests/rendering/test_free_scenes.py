@@ -9,7 +9,14 @@ import pytest
 
 from rendezvous.rendering.appearance.textures import texture_pool
 from rendezvous.rendering.draws import PoseDraws
-from rendezvous.rendering.free_scenes import T_W_C, draw_free, draw_pose
+from rendezvous.rendering.free_scenes import (
+    PHOTO_SIZES_PX,
+    T_W_C,
+    draw_free,
+    draw_photo_camera,
+    draw_photo_pose,
+    draw_pose,
+)
 from rendezvous.rendering.randomise import ROBOT
 from rendezvous.robot_file import load_robot
 from tests.rendering.one_part import one_part_looks
@@ -102,3 +109,48 @@ def test_a_robot_that_is_absent_is_not_in_the_scene():
         assert drawn.T_c_o(BURGER.cuboid) is None
         assert drawn.scene.robot is None
         assert not [x for x in drawn.scene.instances if x.name.startswith(f"{ROBOT}/")]
+
+
+def test_photographs_are_taken_from_above_with_many_lenses_and_sizes():
+    rng = np.random.default_rng(0)
+    cameras = [draw_photo_camera(rng) for _ in range(200)]
+    assert {(c.width_px, c.height_px) for c in cameras} == set(PHOTO_SIZES_PX)
+    widths_deg = np.degrees([2.0 * np.arctan(0.5 * c.width_px / c.fx_px) for c in cameras])
+    assert 45.0 <= widths_deg.min() < 50.0 < 85.0 < widths_deg.max() <= 90.0
+    assert all(c.cx_px == 0.5 * (c.width_px - 1) and c.fx_px == c.fy_px for c in cameras)
+    poses = np.array([draw_photo_pose(rng, BURGER, c) for c in cameras])
+    # The camera looks along x: the robot's up axis leans towards it by as much as it is seen from above.
+    above_deg = np.degrees(np.arcsin(-poses[:, 0, 2]))
+    assert 9.0 < above_deg.min() < 14.0
+    assert 36.0 < above_deg.max() < 41.0
+    assert np.ptp(np.degrees(np.arctan2(poses[:, 1, 0], poses[:, 1, 1]))) > 300.0
+
+
+def test_photographs_show_the_robot_from_far_to_beyond_the_frame():
+    rng = np.random.default_rng(1)
+    shares = []
+    for _ in range(200):
+        camera = draw_photo_camera(rng)
+        T_w_r1 = draw_photo_pose(rng, BURGER, camera)
+        centre_c = _centre_c(T_w_r1)
+        shares.append(camera.fy_px * BURGER.size_m[2] / np.linalg.norm(centre_c) / camera.height_px)
+        assert camera.in_image(camera.project(centre_c[None]))[0]
+    assert 0.1 < min(shares) < 0.16
+    assert max(shares) > 1.0
+    assert 0.2 < np.median(shares) < 0.8
+
+
+def test_the_share_of_photographs_is_the_given_one_and_they_have_their_own_cameras():
+    drawn = [
+        draw_free(np.random.default_rng(i), LOOKS, CAMERA, POOL, replace(DRAWS, photo_share=s), variants=1)
+        for s in (0.0, 1.0)
+        for i in range(12)
+    ]
+    assert all(d.scene.camera == CAMERA for d in drawn[:12])
+    assert all(d.record["background"]["style"] == "any" for d in drawn[:12])
+    assert all(d.scene.camera.fx_px != CAMERA.fx_px for d in drawn[12:])
+    assert {d.record["background"]["style"] for d in drawn[12:]} == {"any", "busy", "white"}
+    for one in drawn[12:]:
+        size = one.scene.camera.height_px, one.scene.camera.width_px
+        assert one.scene.background.shape[:2] == size
+        assert one.record["camera"]["fx_px"] == one.scene.camera.fx_px

@@ -165,19 +165,37 @@ def test_images_that_find_no_place_for_their_robots_are_left_out_with_the_reason
     assert "no place for two robots" in manifest.quarantined[0].reason
 
 
+def test_photographs_have_the_size_and_camera_that_their_rows_say(driven: str, tmp_path: Path) -> None:
+    wanted = ("render.draws.plausible_share=0", "render.draws.photo_share=1", "render.views=false")
+    run = _beside(driven, tmp_path, *wanted, "render.draws.absent_share=0")
+    render(run)
+    rows = _rows(run.read("render"), POSES)
+    assert len({row["image_width_px"] for row in rows}) > 1
+    for row in rows:
+        assert _pixels(row["image"]).shape[:2] == (row["image_height_px"], row["image_width_px"])
+        K = np.array(row["K"]).reshape(3, 3)
+        centre_px = K @ np.array(row["T_c_o"]).reshape(4, 4)[:3, 3]
+        assert centre_px[:2] / centre_px[2] == pytest.approx(row["projected_cuboid_px"][8], abs=1e-3)
+
+
 def test_own_photos_stand_behind_free_images(driven: str, tmp_path: Path) -> None:
     folder = tmp_path / "photos"
     folder.mkdir()
     red = np.zeros((700, 900, 3), np.uint8)
     red[..., 2] = 200
     cv2.imwrite(str(folder / "red.png"), red)
-    wanted = (f"render.backgrounds={folder}", "render.draws.plausible_share=0", "render.views=false")
+    wanted = (
+        f"render.backgrounds={folder}", "render.draws.plausible_share=0", "render.draws.photo_share=0",
+        "render.views=false",
+    )  # fmt: skip
     run = _beside(driven, tmp_path / "data", *wanted, "render.draws.absent_share=1")
     render(run)
     images = [_pixels(row["image"]) for row in _rows(run.read("render"), POSES)]
     redder = [np.median(image[..., 2].astype(float) - image[..., 0]) for image in images]
     assert np.median(redder) > 60.0
-    assert all('"background":{"photo":0,' in row["drawn"] for row in _rows(run.read("render"), POSES))
+    assert all(
+        '"background":{"style":"any","photo":0,' in row["drawn"] for row in _rows(run.read("render"), POSES)
+    )
 
 
 def test_another_robot_than_explore_drove_is_refused(driven: str, tmp_path: Path) -> None:
