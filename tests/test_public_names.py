@@ -61,7 +61,17 @@ def paths() -> dict[str, str]:
 
 @pytest.mark.slow
 def test_without_the_extras_data_is_made_and_read(tmp_path: Path):
-    extras = ("torch", "safetensors", "tensorboard", "matplotlib", "seaborn", "pandas", "jinja2", "ray")
+    extras = (
+        "torch",
+        "safetensors",
+        "tensorboard",
+        "matplotlib",
+        "seaborn",
+        "pandas",
+        "jinja2",
+        "ray",
+        "bpy",
+    )
     modules = [f"rendezvous.stages.{name}" for name in DATASET_STAGES]
     modules += ["rendezvous.commands.inspect", "rendezvous.commands.fuse.from_python"]
     modules += ["rendezvous.training.frame_error.pairs"]

@@ -17,7 +17,12 @@ T_R0_C = camera_pose(np.array([0.03, 0.0, 0.12]), np.zeros(3))
 
 
 def truth(
-    number: int, T_r0_r1: SE2 | None, *, visibility: float = 1.0, kind: str = "plausible"
+    number: int,
+    T_r0_r1: SE2 | None,
+    *,
+    visibility: float = 1.0,
+    kind: str = "plausible",
+    renderer: str = "rasterised",
 ) -> ImageTruth:
     """A robot at that pose, or none."""
     seen = (math.nan, math.nan) if T_r0_r1 is None else as_seen(np.linalg.inv(T_R0_C) @ se3_from_se2(T_r0_r1))
@@ -25,6 +30,7 @@ def truth(
         image_id=f"image-{number}",
         plan_id=f"plan-{number // 2}",
         kind=kind,
+        renderer=renderer,
         visibility=0.0 if T_r0_r1 is None else visibility,
         T_r0_r1=T_r0_r1,
         distance_m=seen[0],

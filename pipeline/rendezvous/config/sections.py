@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Collection
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 from pydantic_core import PydanticCustomError
@@ -114,10 +114,19 @@ class RenderSection(StageSection):
     poses_per_furnishing: PositiveInt  # consecutive training images with the same furniture
     furniture_density: Annotated[float, Field(ge=0, le=3)]  # in training: 0 none, 1 moderate, 2 crowded
     texture_variants: Annotated[int, Field(ge=1, le=16)]  # textures of each kind (wood, cloth, ...)
+    # What colours the pictures: `pyrender` rasterises them; `cycles` traces paths of light, takes a hundred
+    # times as long and needs the extra `pathtraced`. Labels are the same.
+    engine: Literal["pyrender", "cycles"]
+    cycles_samples: Annotated[int, Field(ge=1, le=4096)]  # paths of light through each pixel
     # Of the images; null for PNG, lossless and four times the size.
     jpeg_quality: Annotated[int, Field(ge=1, le=100)] | None
     backgrounds: str | None  # folder of photos to use as backgrounds of `free` images; null for painted rooms
     draws: PoseDraws  # shares and ranges of random draws
+
+    @property
+    def cycles_samples_if_used(self) -> int | None:
+        """`cycles_samples`; None if the engine takes none."""
+        return self.cycles_samples if self.engine == "cycles" else None
 
 
 class PackSection(SplitSection):

@@ -12,7 +12,10 @@ from rendezvous.geometry.camera import Image
 from rendezvous.geometry.cuboid import project_cuboid
 from rendezvous.geometry.se2 import Array
 from rendezvous.rendering.appearance.textures import texture_pool
+from rendezvous.rendering.cycles.blender import cycles_name
+from rendezvous.rendering.cycles.renderer import CyclesRenderer
 from rendezvous.rendering.effects import apply_effects
+from rendezvous.rendering.opengl.gl import renderer_name
 from rendezvous.rendering.opengl.renderer import Renderer
 from rendezvous.rendering.plan_scene import plan_meshes
 from rendezvous.rendering.randomise import Drawn
@@ -43,6 +46,7 @@ class Studio:
         parts: Mapping[str, trimesh.Trimesh],
         *,
         variants: int,
+        cycles_samples: int | None = None,
     ) -> None:
         """Make textures and upload everything.
 
@@ -51,16 +55,18 @@ class Studio:
             robot: the robot that is seen, and of the same make as the one that carries the camera.
             parts: parts of its model by name, in r.
             variants: number of textures of each kind.
+            cycles_samples: light paths through each pixel of path-traced pictures; None for rasterised ones.
 
         Raises:
-            SetupError: rendering does not work on this machine.
+            SetupError: rendering does not work on this machine, or Blender is wanted and not installed.
         """
         self.looks, robot_meshes = robot_looks(robot, parts)
         self.textures = texture_pool(rng, variants=variants)
         self.camera = robot.camera.intrinsics()  # of the camera that sees it
-        self._renderer = Renderer(
-            {**plan_meshes(), **thing_meshes(), **robot_meshes},
-            self.textures,
+        meshes = {**plan_meshes(), **thing_meshes(), **robot_meshes}
+        self._renderer = Renderer(meshes, self.textures)
+        self._path_tracer = (
+            CyclesRenderer(meshes, self.textures, samples=cycles_samples) if cycles_samples else None
         )
 
     @property
@@ -72,13 +78,19 @@ class Studio:
         """The picture of a scene without the camera's effects, (H, W, 3) uint8."""
         return self._renderer.render(scene).rgb
 
+    @property
+    def renderer(self) -> str:
+        """Name of what colours the pictures."""
+        return cycles_name() if self._path_tracer else renderer_name()
+
     def take(self, drawn: Drawn) -> Picture:
-        """Render a scene and label it."""
+        """Render a scene and label it; the label is the same whatever colours the picture."""
         rendering = self._renderer.render(drawn.scene)
+        rgb = self._path_tracer.render(drawn.scene) if self._path_tracer else rendering.rgb
         T_c_o = drawn.T_c_o(self.robot.cuboid)
         size_m = self.robot.cuboid.size_m
         return Picture(
-            rgb=apply_effects(rendering.rgb, drawn.effects),
+            rgb=apply_effects(rgb, drawn.effects),
             T_c_o=T_c_o,
             projected_cuboid_px=None if T_c_o is None else project_cuboid(T_c_o, size_m, drawn.scene.camera),
             view=self._renderer.robot_view(drawn.scene, rendering),

@@ -8,8 +8,10 @@ from dataclasses import asdict
 from functools import partial
 from typing import Any
 
+from rendezvous.config.sections import RenderSection
 from rendezvous.engine.run import Run, Task, part_name
 from rendezvous.errors import ConfigError, StoreError
+from rendezvous.rendering.cycles.blender import check_blender, cycles_name
 from rendezvous.rendering.opengl.gl import check_libraries, renderer_name
 from rendezvous.rendering.robot_model import check_inside_cuboid, robot_parts
 from rendezvous.robot_file import load_robot, load_robot_model
@@ -31,7 +33,8 @@ def render(run: Run) -> Manifest:
 
     Raises:
         ConfigError: `explore` ran with another robot, the robot has no model, or there are no photos.
-        SetupError: rendering does not work on this machine, and there is something to render.
+        SetupError: rendering does not work on this machine, or Blender is wanted and not installed; and there
+            is something to render.
     """
     section, robot = run.config.render, run.config.explore.robot
     meshes, explore = run.read("meshes"), run.read("explore")
@@ -50,7 +53,9 @@ def render(run: Run) -> Manifest:
         tasks,
         layout=LAYOUT,
         total=len(tasks),
-        prepare=lambda: run.say(f"render: drawing with {renderer_name()}"),
+        prepare=lambda: run.say(
+            f"render: drawing with {cycles_name() if section.engine == 'cycles' else renderer_name()}"
+        ),
     )
 
 
@@ -59,11 +64,13 @@ def check_pictures(run: Run) -> None:
 
     Raises:
         ConfigError: the robot has no model, or there are no photos.
-        SetupError: a system library is missing.
+        SetupError: a system library is missing, or Blender is wanted and not installed.
     """
     section = run.config.render
     if section.views or section.poses_per_plan:
         check_libraries()
+        if section.engine == "cycles":
+            check_blender()
         load_robot_model(run.config.explore.robot)
         photo_folder(section.backgrounds)
 
@@ -86,10 +93,13 @@ def _view_tasks(
 ) -> Iterator[Task]:
     plans = {item.item_id: item for item in meshes.items()}
     section = job.section
-    parameters = {"render.draws.shadow_share", "render.jpeg_quality", "render.texture_variants"}
+    parameters = {
+        *("render.engine", "render.cycles_samples"),
+        *("render.draws.shadow_share", "render.jpeg_quality", "render.texture_variants"),
+    }
     drawn = {
         k: v
-        for k, v in section.parameters().items()
+        for k, v in section.parameters(exclude=_unused(section)).items()
         if k in parameters or k.startswith("render.draws.robot.")
     }
     for index, batch in enumerate(chunks(explore.items(), section.plans_per_shard)):
@@ -120,8 +130,15 @@ def _pose_tasks(job: RenderJob, meshes: StageReader, shared: dict[str, Any]) -> 
         chunks(meshes.items(), section.plans_per_shard),
         partial(poses, job, meshes),
         table=POSES,
-        parameters=section.parameters(exclude={"plans_per_shard", "views", "backgrounds"}) | shared | photos,
+        parameters=section.parameters(exclude={"plans_per_shard", "views", "backgrounds", *_unused(section)})
+        | shared
+        | photos,
         seed=job.seed,
         version=VERSION,
         under="poses/",
     )
+
+
+def _unused(section: RenderSection) -> tuple[str, ...]:
+    """Parameters that only the other engine reads."""
+    return () if section.engine == "cycles" else ("cycles_samples",)

@@ -27,6 +27,7 @@ class ImageTruth:
     image_id: str
     plan_id: str
     kind: str  # `plausible`, a training image that a robot could take, or `sighting`, taken at a rendezvous
+    renderer: str  # `rasterised` or `path-traced`
     visibility: float  # visible share of robot 1's silhouette, 0 where it is absent or wholly hidden
     T_r0_r1: SE2 | None  # true relative pose, or None where robot 1 is absent
     distance_m: float  # from the camera to the centre of robot 1's cuboid; NaN where it is absent
@@ -105,7 +106,9 @@ def pose_table(truths: Sequence[ImageTruth], outcomes: Sequence[PoseOutcome]) ->
     """
     assert [t.image_id for t in truths] == [o.image_id for o in outcomes], "outcomes of other images"
     rows = [_row(truth, outcome) for truth, outcome in zip(truths, outcomes, strict=True)]
-    table = pd.DataFrame(rows).astype({"found_covered": "boolean", "kind": "category"})
+    table = pd.DataFrame(rows).astype(
+        {"found_covered": "boolean", "kind": "category", "renderer": "category"}
+    )
     made = table.index[table.detected]
     covariance = np.array([outcomes[number].covariance for number in made]).reshape(-1, 3, 3)
     freedom = np.array([outcomes[number].degrees_of_freedom for number in made])

@@ -95,7 +95,7 @@ class PoseSummary:
 
     overall: PoseGroup  # all images that show the robot
     target: PoseGroup  # those of them for which there is a goal
-    by: dict[str, dict[str, PoseGroup]]  # groups by distance, visibility, heading and kind
+    by: dict[str, dict[str, PoseGroup]]  # groups by distance, visibility, heading, kind and renderer
     false_detections: Share  # images with a pose, of those in which nothing of the robot is visible
     false_covered: Share  # the same of copies in which its surroundings cover the robot
     # coverage, window: of all detections; None without any.
@@ -143,7 +143,13 @@ def has_goal(images: pd.DataFrame) -> pd.Series:
     return (images.kind == "plausible") & images.shows_robot & near & clear
 
 
-GROUPS = {"distance": "distances", "visibility": "visibilities", "heading": "headings", "kind": "kind"}
+GROUPS = {
+    "distance": "distances",
+    "visibility": "visibilities",
+    "heading": "headings",
+    "kind": "kind",
+    "renderer": "renderer",
+}
 """Names of the groupings of images that show the robot, and their columns in a table of `grouped`."""
 
 

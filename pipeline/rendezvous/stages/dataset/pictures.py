@@ -22,7 +22,6 @@ from rendezvous.geometry.camera import Image, se3_from_se2
 from rendezvous.geometry.se2 import SE2
 from rendezvous.plan_schema import PLAN_COLUMNS, plan_of, solids_of
 from rendezvous.rendering.free_scenes import draw_free
-from rendezvous.rendering.opengl.gl import renderer_name
 from rendezvous.rendering.plan_scene import RoomLooks, draw_room_looks
 from rendezvous.rendering.randomise import Drawn, draw_plausible, room_scene
 from rendezvous.rendering.robot_family import Variant
@@ -51,13 +50,21 @@ class RenderJob:
     photos: PhotoFolder
 
     def studio(self) -> Studio:
-        return _studio(self.seed, self.robot, self.section.texture_variants)
+        return _studio(
+            self.seed, self.robot, self.section.texture_variants, self.section.cycles_samples_if_used
+        )
 
 
 @lru_cache(maxsize=1)
-def _studio(seed: int, robot: str, variants: int) -> Studio:
+def _studio(seed: int, robot: str, variants: int, cycles_samples: int | None) -> Studio:
     parts = robot_parts(load_robot_model(robot), source=f"model of {robot}")
-    return Studio(stream(seed, "render", "textures"), load_robot(robot), parts, variants=variants)
+    return Studio(
+        stream(seed, "render", "textures"),
+        load_robot(robot),
+        parts,
+        variants=variants,
+        cycles_samples=cycles_samples,
+    )
 
 
 def views(
@@ -194,9 +201,10 @@ def _mode(job: RenderJob, plan_id: str, number: int) -> str:
 
 def _image_row(job: RenderJob, drawn: Drawn, more: Mapping[str, Any]) -> dict[str, Any]:
     """The columns of an image and its label; `more` is added to `drawn`."""
-    picture = job.studio().take(drawn)
+    studio = job.studio()
+    picture = studio.take(drawn)
     view = picture.view
-    record = {**drawn.record, **more, "renderer": renderer_name()}
+    record = {**drawn.record, **more, "engine": job.section.engine, "renderer": studio.renderer}
     return {
         "image": _encoded(picture.rgb, job.section.jpeg_quality),
         "drawn": json.dumps(record, separators=(",", ":")),

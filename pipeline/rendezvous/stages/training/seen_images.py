@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -26,10 +27,13 @@ KINDS = (PLAUSIBLE, SIGHTING)
 """Plausible training images, and robot 0's view at each sighting. The `free` training images are left out:
 no robot takes them, so there is neither a camera height nor a relative pose on a floor."""
 
+_RENDERERS = {"pyrender": "rasterised", "cycles": "path-traced"}
+"""By `render.engine`, which images of version 0.1 do not name."""
+
 _TABLES = {PLAUSIBLE: (POSES, "pose_id"), SIGHTING: (PAIRS, "pair_id")}
 _SEEN = (
     *("plan_id", "plan_digest", "visibility", "image", "image_width_px", "image_height_px"),
-    *("K", "T_r0_c", "T_c_o", "cuboid_size_m", "T_r1_o", "box_px"),
+    *("K", "T_r0_c", "T_c_o", "cuboid_size_m", "T_r1_o", "box_px", "drawn"),
 )
 _NEEDED = {
     PLAUSIBLE: ("pose_id", "mode", "T_r0_c_true", *_SEEN),
@@ -135,6 +139,7 @@ def _seen(row: dict[str, Any], kind: str, image_id: str) -> SeenImage:
             image_id=image_id,
             plan_id=row["plan_id"],
             kind=kind,
+            renderer=_RENDERERS[json.loads(row["drawn"]).get("engine", "pyrender")],
             visibility=float(row["visibility"]),
             T_r0_r1=_true_pose(row, kind),
             distance_m=distance_m,

@@ -1,0 +1,1 @@
+"""Draws scenes by tracing paths of light, with Blender's Cycles."""
