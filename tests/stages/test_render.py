@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import shutil
+import sys
+from importlib.util import find_spec
 from pathlib import Path
 
 import cv2
@@ -23,7 +25,7 @@ from rendezvous.schema import EXPLORE, POSES, VIEWS
 from rendezvous.stages.explore import explore
 from rendezvous.stages.floorplans import floorplans
 from rendezvous.stages.meshes import meshes
-from rendezvous.stages.render import render
+from rendezvous.stages.render import check_pictures, render
 from rendezvous.store.read import StageReader
 from tests.conftest import MakeRun, run_in
 
@@ -219,6 +221,35 @@ def test_a_plan_that_meshes_has_lost_is_named(driven: str, tmp_path: Path) -> No
     meshes(run_in(run.data, other))
     with pytest.raises(StoreError, match=r"no plan 'rdv-008', on which .*explore has sightings"):
         render(run)
+
+
+def test_without_blender_path_traced_pictures_are_refused_before_anything_is_made(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setitem(sys.modules, "bpy", None)
+    with pytest.raises(SetupError, match=r"render\.engine cycles needs bpy.*\[pathtraced\]'` installs it"):
+        check_pictures(run_in(str(tmp_path), [*ONE_PLAN, "render.engine=cycles"]))
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(find_spec("bpy") is None, reason="needs the extra pathtraced")
+def test_path_traced_pictures_have_the_labels_of_rasterised_ones(driven: str, tmp_path: Path) -> None:
+    few = ("render.views=false", "render.poses_per_plan=2", "render.cycles_samples=1")
+    rows = {}
+    for engine in ("pyrender", "cycles"):
+        run = _beside(driven, tmp_path / engine, *few, f"render.engine={engine}")
+        render(run)
+        rows[engine] = _rows(run.read("render"), POSES)
+    assert "render: drawing with Cycles (bpy" in run.console.file.getvalue()
+    for rasterised, traced in zip(*rows.values(), strict=True):
+        assert rasterised.keys() == traced.keys()
+        for name in rasterised.keys() - {"image", "drawn"}:
+            assert np.array_equal(rasterised[name], traced[name]), name
+        assert rasterised["image"] != traced["image"]
+        drawn, as_well = json.loads(rasterised["drawn"]), json.loads(traced["drawn"])
+        assert (drawn.pop("engine"), as_well.pop("engine")) == ("pyrender", "cycles")
+        assert drawn.pop("renderer") != as_well.pop("renderer")
+        assert drawn == as_well
 
 
 @pytest.mark.slow

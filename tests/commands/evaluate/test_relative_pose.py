@@ -173,6 +173,17 @@ def test_kinds_are_read_apart_and_free_images_not_at_all(data, images):
         assert all(image.T_r0_c is not None for image in found)
 
 
+def test_what_rendered_an_image_is_read_from_what_was_drawn(tmp_path):
+    engines = ({}, {"engine": "pyrender"}, {"engine": "cycles"})
+    plausible = [row for row in POSE_ROWS[0] if row["mode"] == PLAUSIBLE][:3]
+    rows = [row | {"drawn": json.dumps(engine)} for row, engine in zip(plausible, engines, strict=True)]
+    explored(tmp_path)
+    rendered(tmp_path, views=False, poses=[rows])
+    pack(synthetic_run(tmp_path, "pack.validation_fraction=0", "pack.test_fraction=1"))
+    images = read_images(StageReader(f"{tmp_path}/dataset"), "test")
+    assert [image.truth.renderer for image in images] == ["rasterised", "rasterised", "path-traced"]
+
+
 def test_the_true_pose_is_that_of_the_robots(images):
     plausible = [image.truth.T_r0_r1 for image in images if image.truth.kind == PLAUSIBLE]
     poses = [pose for pose in plausible if pose is not None]

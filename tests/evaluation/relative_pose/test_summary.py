@@ -95,6 +95,14 @@ def test_every_image_that_shows_the_robot_is_in_one_group_of_each_kind():
     )
 
 
+def test_path_traced_images_are_a_group_beside_rasterised_ones():
+    truths = [
+        truth(i, SE2(1.0, 0.0, 0.0), renderer="path-traced" if i < 2 else "rasterised") for i in range(5)
+    ]
+    found = pose_summary(outcomes(truths, [read_as()] * 5)).by["renderer"]
+    assert {name: group.detected.of for name, group in found.items()} == {"path-traced": 2, "rasterised": 3}
+
+
 @pytest.mark.parametrize(
     ("x_m", "visibility", "distances", "visibilities", "goal"),
     [
