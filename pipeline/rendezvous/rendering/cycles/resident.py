@@ -1,4 +1,4 @@
-"""Resident in Blender between pictures: meshes and textures of the pools, each from its first use on."""
+"""Resident in Blender between pictures: all meshes, and the textures that were used."""
 
 from __future__ import annotations
 
@@ -42,13 +42,15 @@ class BlenderPart:
 
 
 class BlenderPools:
-    """The pools, as far as pictures have used them."""
+    """Meshes of the pools, handed over once, and textures, each from its first use on."""
 
     def __init__(self, meshes: MeshPool, textures: TexturePool) -> None:
-        self._meshes = meshes
         self._textures = dict(textures)
-        self._parts: dict[str, tuple[BlenderPart, ...]] = {}
         self._images: dict[str, Any] = {}
+        self._parts = {
+            key: tuple(self._part(part, f"{key}[{i}]") for i, part in enumerate(parts))
+            for key, parts in meshes.items()
+        }
 
     def parts_of(self, mesh: str) -> tuple[BlenderPart, ...]:
         """The parts of a mesh of the pool.
@@ -56,12 +58,8 @@ class BlenderPools:
         Raises:
             PipelineError: it is not there.
         """
-        if mesh not in self._meshes:
-            raise PipelineError(f"no mesh {mesh!r} in the pool: {', '.join(self._meshes)}")
         if mesh not in self._parts:
-            self._parts[mesh] = tuple(
-                self._part(part, f"{mesh}[{i}]") for i, part in enumerate(self._meshes[mesh])
-            )
+            raise PipelineError(f"no mesh {mesh!r} in the pool: {', '.join(self._parts)}")
         return self._parts[mesh]
 
     def image(self, texture: str) -> Any:
