@@ -15,6 +15,7 @@ import trimesh
 import yaml
 
 from rendezvous.errors import ConfigError, SetupError, StoreError
+from rendezvous.geometry.camera import PinholeCamera
 from rendezvous.geometry.cuboid import pose_from_cuboid
 from rendezvous.geometry.se2 import SE2
 from rendezvous.rendering.opengl.gl import check_libraries, renderer_name
@@ -86,13 +87,14 @@ def test_each_sighting_has_one_view_with_the_robot_where_it_was(driven: str) -> 
 
 def test_images_have_the_cameras_size_and_labels_give_the_pose_back(driven: str) -> None:
     sightings, views, poses = _tables(driven)
-    camera = load_robot("burger").camera.intrinsics()
     labelled = [(views[i], sightings[i]) for i in views] + [(row, row) for row in poses]
     assert len(labelled) >= 9
     for label, row in labelled:
         assert _pixels(label["image"]).shape == (row["image_height_px"], row["image_width_px"], 3)
         if label["T_c_o"] is None:
             continue
+        height_px, width_px, _ = _pixels(label["image"]).shape
+        camera = PinholeCamera.of_matrix(np.array(row["K"]).reshape(3, 3), width_px, height_px)
         T_c_o = pose_from_cuboid(label["projected_cuboid_px"], row["cuboid_size_m"], camera)
         turn = T_c_o[:3, :3].T @ label["T_c_o"][:3, :3]
         assert np.linalg.norm(T_c_o[:3, 3] - label["T_c_o"][:3, 3]) < 1e-3
