@@ -108,7 +108,7 @@ def test_a_run_goes_on_to_the_same_curve_and_only_when_it_is_told_to(data: Path,
         ("train_pose.settings={width: wide}", "train_pose.settings: width of relative-pose is 'wide'"),
         ("train_pose.settings={features: vgg16}", "features is 'vgg16'; must be vgg19 or small"),
         ("train_pose.samples=null", "train_pose.minutes and train_pose.samples are both null"),
-        ("train_pose.initial_features=gone.safetensors", "train_pose.initial_features is gone.safetensors: "),
+        ("train_pose.initial_weights=gone.safetensors", "train_pose.initial_weights is gone.safetensors: "),
         ("train_pose.sampling={input_px: 150}", "input_px is 150; must be a multiple of 8"),
     ],
 )
@@ -133,14 +133,14 @@ def test_a_run_does_not_go_on_with_other_settings(data: Path, tmp_path: Path, ch
     assert said in str(caught.value)
 
 
-def test_initial_features_are_read_from_their_file(tmp_path: Path):
+def test_initial_weights_are_read_from_their_file(tmp_path: Path):
     path = tmp_path / "vgg19.safetensors"
     safetensors.torch.save_file({"features.0.weight": torch.zeros(64, 3, 3, 3)}, path)
-    sets = ("train_pose.settings={features: vgg19}", f"train_pose.initial_features={path}")
+    sets = ("train_pose.settings={features: vgg19}", f"train_pose.initial_weights={path}")
     with pytest.raises(ConfigError, match=r"vgg19.safetensors: features.0.bias is absent; must be of shape"):
         train_pose(run_in(str(tmp_path / "no data"), sets))
     path.write_bytes(path.read_bytes()[:-100])
-    with pytest.raises(ConfigError, match="must be a safetensors file of torchvision's vgg19"):
+    with pytest.raises(ConfigError, match="file: a trained network's weights, or torchvision's vgg19"):
         train_pose(run_in(str(tmp_path / "no data"), sets))
 
 

@@ -13,7 +13,16 @@ from rendezvous.training.batches import training_loader
 from rendezvous.training.checkpoint import checkpoint_bytes, read_checkpoint, restore_in_place
 from rendezvous.training.frame_error.data import TrainingBatches
 from rendezvous.training.frame_error.pairs import PairTable
-from rendezvous.training.loop import Processes, Step, TrainingState, adamw, fit, learning_rate, update_average
+from rendezvous.training.loop import (
+    Processes,
+    Step,
+    TrainingState,
+    adamw,
+    fit,
+    learning_rate,
+    update_average,
+    with_precision,
+)
 from rendezvous.training.parameters import Budget, Optimisation
 from tests.training.tiny import SAMPLING, Losses, tiny_model
 
@@ -100,6 +109,23 @@ def test_a_loss_that_is_not_finite_is_told_and_leaves_the_weights_alone(pairs: P
     with pytest.raises(ConfigError, match=r"step 0: the loss is nan.*learning_rate or precision fp32"):
         trained(pairs, state)
     assert torch.equal(state.model.layers[0].weight, before)
+
+
+@pytest.mark.parametrize(
+    ("capabilities", "precision"),
+    [
+        ({"avx2": True, "avx512_bf16": False}, "fp32"),
+        ({"avx2": True, "avx512_bf16": True}, "bf16"),
+        ({"amx_bf16": True, "avx_ne_convert": False}, "bf16"),
+    ],
+)
+def test_bfloat16_is_used_where_the_cpu_computes_in_it(
+    monkeypatch: pytest.MonkeyPatch, capabilities: dict[str, bool], precision: str
+):
+    monkeypatch.setattr(torch.cpu, "get_capabilities", lambda: capabilities)
+    assert with_precision(Optimisation(), torch.device("cpu")).precision == precision
+    assert with_precision(Optimisation(precision="fp32"), torch.device("cpu")).precision == "fp32"
+    assert with_precision(Optimisation(precision="bf16"), torch.device("cpu")).precision == "bf16"
 
 
 def test_the_rate_rises_along_a_line_and_falls_along_a_cosine():

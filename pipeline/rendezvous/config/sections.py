@@ -213,9 +213,9 @@ class TrainSection(TrainingSection):
 class TrainPoseSection(TrainingSection):
     """How the relative-pose network is trained."""
 
-    # For `settings.features: vgg19`, a safetensors file of VGG-19's weights under torchvision's names, such
-    # as `features.0.weight`; null for random weights.
-    initial_features: str | None
+    # A safetensors file to start from: a trained network's weights or, for `settings.features: vgg19`,
+    # VGG-19's under torchvision's names, such as `features.0.weight`; null for random weights.
+    initial_weights: str | None
     validation_images: PositiveInt  # images in each measurement
     sampling: PoseSampling  # how samples are drawn from images
 

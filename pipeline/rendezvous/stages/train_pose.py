@@ -37,10 +37,10 @@ def train_pose(run: Run, *, out: Path | None = None, resume: bool = False) -> Pa
         StoreError: the dataset or the checkpoint is missing or damaged, or the folder holds another run.
     """
     section, reader, seed = run.config.train_pose, run.read("pack"), run.config.seed
-    where = section.initial_features
-    features = None if where is None else _features(where)
+    where = section.initial_weights
+    initial = None if where is None else _weights(where)
     with joined_processes(run.workers) as processes:
-        model = build_pose_model(section.settings, seed=seed, initial_features=features, where=where or "")
+        model = build_pose_model(section.settings, seed=seed, initial_weights=initial, where=where or "")
         training, validation = (read_poses(reader, split) for split in ("train", "validation"))
         samples = validation_samples(validation, section.sampling, seed=seed, count=section.validation_images)
         folder = train_in_folder(
@@ -78,11 +78,11 @@ def _calibrate(run: Run, validation_rows: int, folder: Path) -> None:
         run.say(f"calibrate: left out, {error}")
 
 
-def _features(path: str) -> dict[str, Tensor]:
+def _weights(path: str) -> dict[str, Tensor]:
     try:
         return safetensors.torch.load(Disk(str(Path(path).parent)).read(Path(path).name))
     except (StoreError, OSError, safetensors.SafetensorError) as error:
         raise ConfigError(
-            f"train_pose.initial_features is {path}: {' '.join(str(error).split())}; must be a safetensors "
-            "file of torchvision's vgg19: features.0.weight, features.0.bias, ..."
+            f"train_pose.initial_weights is {path}: {' '.join(str(error).split())}; must be a safetensors "
+            "file: a trained network's weights, or torchvision's vgg19 (features.0.weight, ...)"
         ) from error

@@ -37,7 +37,7 @@ class Optimisation:
     weight_decay: float = 0.02  # of weights; biases and gains of norms have none
     clip_norm: float = 1.0  # largest norm of the gradient
     ema_decay: float = 0.998  # of the moving average of the weights, which is validated and published
-    precision: Literal["bf16", "fp32"] = "bf16"  # of the forward pass: bfloat16 where safe, or float32
+    precision: Literal["bf16", "fp32"] | None = None  # of the forward pass; None: bf16 where the chip has it
 
     def __post_init__(self) -> None:
         require_within(

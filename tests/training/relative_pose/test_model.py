@@ -146,16 +146,24 @@ def vgg19() -> dict[str, torch.Tensor]:
     return named | {"classifier.0.weight": torch.zeros(2, 2), "features.34.weight": torch.zeros(3)}
 
 
-def test_initial_features_are_taken_and_the_rest_is_drawn():
+def test_initial_weights_are_taken_and_the_rest_is_drawn():
     weights = vgg19()
     model = build_pose_model(
-        {"features": "vgg19", "stages": 1}, seed=0, initial_features=weights, where="vgg.safetensors"
+        {"features": "vgg19", "stages": 1}, seed=0, initial_weights=weights, where="vgg.safetensors"
     )
     own = model.network.features.state_dict()
     assert all(torch.equal(own[name.removeprefix("features.")], weights[name]) for name in _used(weights))
     plain = build_pose_model({"features": "vgg19", "stages": 1}, seed=0).network.features.state_dict()
     assert torch.equal(own["23.weight"], plain["23.weight"])
     assert not torch.equal(own["21.weight"], plain["21.weight"])
+
+
+def test_a_trained_network_s_weights_are_taken_whole():
+    trained = build_pose_model(TINY, seed=5).state_dict()
+    model = build_pose_model(TINY, seed=0, initial_weights=trained, where="trained.safetensors")
+    assert all(torch.equal(value, trained[name]) for name, value in model.state_dict().items())
+    with pytest.raises(ConfigError, match=r"^trained.safetensors: its weights do not fit the model"):
+        build_pose_model(TINY | {"stages": 1}, seed=0, initial_weights=trained, where="trained.safetensors")
 
 
 def _used(weights: dict[str, torch.Tensor]) -> list[str]:
@@ -178,9 +186,9 @@ def _used(weights: dict[str, torch.Tensor]) -> list[str]:
 def test_features_that_do_not_fit_are_told(change: dict, said: str):
     weights = {name: value for name, value in (vgg19() | change).items() if value is not None}
     with pytest.raises(ConfigError, match=said):
-        build_pose_model({"features": "vgg19", "stages": 1}, seed=0, initial_features=weights, where="vgg")
+        build_pose_model({"features": "vgg19", "stages": 1}, seed=0, initial_weights=weights, where="vgg")
 
 
 def test_features_for_a_network_with_its_own_are_told():
     with pytest.raises(ConfigError, match=r"train_pose.settings.features is 'small'; must be 'vgg19'"):
-        build_pose_model(TINY, seed=0, initial_features={}, where="vgg")
+        build_pose_model(TINY, seed=0, initial_weights={}, where="vgg")

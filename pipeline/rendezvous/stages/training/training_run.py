@@ -21,7 +21,7 @@ from rendezvous.store.disk import Disk
 from rendezvous.store.records import digest_of
 from rendezvous.training.batches import AnyBatch, training_loader
 from rendezvous.training.checkpoint import read_checkpoint, restore_in_place
-from rendezvous.training.loop import Model, Processes, TrainingState, fit
+from rendezvous.training.loop import Model, Processes, TrainingState, fit, with_precision
 from rendezvous.training.published_rows import PublishedRows, rows_per_split
 
 _DIGITS = 12  # length to which digests are cut in messages and records
@@ -132,6 +132,8 @@ def train_in_folder(
             first step.
     """
     folder = out or Path(run.config.stages[section.stage()].writes) / name
+    optimisation = with_precision(section.optimisation, processes.device)
+    section = section.model_copy(update={"optimisation": optimisation})
     about = {"model": name, "network": model.config(), **more, **_about_data(run, section, tables, rows)}
     state = TrainingState.fresh(model.to(processes.device), section.optimisation)
     _begin_in_place(state, Disk(str(folder)), about, resume=resume)

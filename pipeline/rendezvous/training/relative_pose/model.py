@@ -11,11 +11,13 @@ from torch import Tensor
 
 from rendezvous.errors import ConfigError
 from rendezvous.models.relative_pose_network import RelativePoseConfig, RelativePoseNet, relative_pose_loss
+from rendezvous.training.checkpoint import fit_weights_in_place
 from rendezvous.training.loop import CurvePoint, TrainableModel
 from rendezvous.training.relative_pose.data import PoseBatch
 
 POSE_MODEL = "relative-pose"
 _FEATURES = "features."
+_OWN = "network."
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -69,32 +71,38 @@ def build_pose_model(
     settings: Mapping[str, Any],
     *,
     seed: int,
-    initial_features: Mapping[str, Tensor] | None = None,
+    initial_weights: Mapping[str, Tensor] | None = None,
     where: str = "",
 ) -> PoseModel:
-    """The network with fresh weights, on the CPU.
+    """The network on the CPU, with fresh weights or those given.
 
-    `initial_features` are VGG-19's by torchvision's names `features.0.weight`, ...; others are ignored.
+    `initial_weights` are those of such a network once trained, or VGG-19's by torchvision's names
+    `features.0.weight`, ..., of which others than the features are ignored.
 
     Raises:
-        ConfigError: a setting is wrong, or the features do not fit.
+        ConfigError: a setting is wrong, or the weights do not fit.
     """
     config = RelativePoseConfig.with_settings(
         settings, where="train_pose.settings", model=POSE_MODEL, fixed={}
     )
     torch.manual_seed(seed)
     network = RelativePoseNet(config)
-    if initial_features is not None:
-        _begin_with_in_place(network, initial_features, where=where)
-    return PoseModel(network)
+    model = PoseModel(network)
+    if initial_weights is None:
+        return model
+    if any(name.startswith(_OWN) for name in initial_weights):
+        fit_weights_in_place(model, initial_weights, where=where)
+    else:
+        _begin_with_in_place(network, initial_weights, where=where)
+    return model
 
 
 def _begin_with_in_place(network: RelativePoseNet, weights: Mapping[str, Tensor], *, where: str) -> None:
     """Load the weights of the convolutions that the network shares with VGG-19."""
     if network.config.features != "vgg19":
         raise ConfigError(
-            f"train_pose.initial_features is {where}, but train_pose.settings.features is "
-            f"{network.config.features!r}; must be 'vgg19' for these, or initial_features null"
+            f"train_pose.initial_weights is {where}, but train_pose.settings.features is "
+            f"{network.config.features!r}; must be 'vgg19' for these, or initial_weights null"
         )
     own = network.features.state_dict()
     of_dope = sorted({int(name.partition(".")[0]) for name in own})[-2:]
