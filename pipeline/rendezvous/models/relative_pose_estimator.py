@@ -17,6 +17,7 @@ import torch
 from rendezvous.geometry.camera import Image, PinholeCamera
 from rendezvous.geometry.cuboid import project_cuboid
 from rendezvous.geometry.se2 import Array
+from rendezvous.models.precision import computes_in_bf16
 from rendezvous.models.relative_pose_network import RelativePoseNet
 from rendezvous.pose_estimation.cuboid_pose import Reading, readings_in_space, readings_on_floor
 from rendezvous.pose_estimation.cuboids import DetectedCuboid, detect_cuboids
@@ -165,9 +166,9 @@ class RelativePoseEstimator:
 
     @torch.inference_mode()
     def _maps(self, images_B3HW: torch.Tensor) -> tuple[Maps, Maps]:
-        """Maps of the last stage, computed in bfloat16, which is three times as fast."""
+        """Maps of the last stage, computed in bfloat16 where that is faster."""
         device = next(self.network.parameters()).device
-        with torch.autocast(device.type, torch.bfloat16):
+        with torch.autocast(device.type, torch.bfloat16, enabled=computes_in_bf16(device)):
             last = self.network(images_B3HW.to(device))[-1]
         return last.belief_B9hw.float().cpu().numpy(), last.fields_B16hw.float().cpu().numpy()
 

@@ -16,6 +16,7 @@ from torch import distributed as dist
 from torch.nn.parallel import DistributedDataParallel
 
 from rendezvous.errors import ConfigError
+from rendezvous.models.precision import computes_in_bf16
 from rendezvous.seeds import stream
 from rendezvous.training.batches import AnyBatch, moved
 from rendezvous.training.parameters import Budget, Optimisation
@@ -211,17 +212,10 @@ def adamw(model: nn.Module, optimisation: Optimisation) -> torch.optim.AdamW:
 
 
 def with_precision(optimisation: Optimisation, device: torch.device) -> Optimisation:
-    """The same with its precision settled.
-
-    It is bfloat16 where the device computes in it; a CPU that does not takes ten times as long as in float32.
-    """
+    """The same with its precision settled: bfloat16 where the device computes in it."""
     if optimisation.precision is not None:
         return optimisation
-    if device.type == "cuda":
-        has_bf16 = torch.cuda.is_bf16_supported(including_emulation=False)
-    else:
-        has_bf16 = any(value for name, value in torch.cpu.get_capabilities().items() if name.endswith("bf16"))
-    return replace(optimisation, precision="bf16" if has_bf16 else "fp32")
+    return replace(optimisation, precision="bf16" if computes_in_bf16(device) else "fp32")
 
 
 def learning_rate(spent: float, optimisation: Optimisation, *, highest: float) -> float:
