@@ -30,7 +30,7 @@ from rendezvous.pose_estimation.peaks import Peaks
 from rendezvous.pose_estimation.state_refinement import RefinedStates, refine
 
 MOST_READINGS = 4
-_LEAST_LOG_SHARE = -12.0
+_LEAST_LOG_SHARE = -60.0  # what is read with less is improbable under any calibration
 _SAME_SHARE, _SAME_HEADING_RAD = 0.03, 0.06
 _FARTHEST_M = 100.0
 _FACES = tuple(
