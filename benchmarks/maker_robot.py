@@ -1,4 +1,4 @@
-"""Writes the Burger by its maker's meshes as a robot of its own, to see whether what learnt our model knows it.
+"""Writes the Burger by its maker's meshes as a robot of its own: does what learnt our model know it?
 
     python -m benchmarks.maker_robot FOLDER
     rendezvous dataset --preset pathtraced --set explore.robot=FOLDER/robot.yaml \
