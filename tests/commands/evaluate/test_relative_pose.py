@@ -173,6 +173,16 @@ def test_kinds_are_read_apart_and_free_images_not_at_all(data, images):
         assert all(image.T_r0_c is not None for image in found)
 
 
+def test_images_are_read_from_a_split_without_pairs(data, images, monkeypatch):
+    reader = StageReader(f"{data}/dataset")
+    shards = reader.shards
+    monkeypatch.setattr(reader, "shards", lambda under="": [] if under.startswith("pairs/") else shards(under))
+    found = read_images(reader, "test")
+    assert {one.truth.image_id for one in found} == {
+        one.truth.image_id for one in images if one.truth.kind == PLAUSIBLE
+    }
+
+
 def test_what_rendered_an_image_is_read_from_what_was_drawn(tmp_path):
     engines = ({}, {"engine": "pyrender"}, {"engine": "cycles"})
     plausible = [row for row in POSE_ROWS[0] if row["mode"] == PLAUSIBLE][:3]

@@ -12,7 +12,7 @@ from rendezvous.errors import SetupError
 from rendezvous.floorplan.furnish import furnish
 from rendezvous.geometry.camera import se2_from_se3
 from rendezvous.models.relative_pose_estimator import RelativePoseEstimator
-from rendezvous.rendering.draws import PoseDraws
+from rendezvous.rendering.draws import PoseDraws, RobotDraws
 from rendezvous.rendering.opengl.gl import check_libraries
 from rendezvous.rendering.randomise import Drawn, draw_plausible
 from rendezvous.rendering.robot_model import robot_parts
@@ -44,7 +44,8 @@ def estimator() -> RelativePoseEstimator:
 @cache
 def pictures(studio: Studio, *, absent: bool) -> list[tuple[Drawn, Picture]]:
     """Robots, or none, on the floor of furnished rooms, with nothing put before them."""
-    draws = PoseDraws(absent_share=float(absent), occluded_share=0.0, max_range_m=2.5)
+    as_built = RobotDraws(as_built_share=1.0, other_model_share=0.0, repainted_share=0.0)
+    draws = PoseDraws(absent_share=float(absent), occluded_share=0.0, max_range_m=2.5, robot=as_built)
     taken = []
     for number in range(4 if absent else 8):
         rng, plan = np.random.default_rng([23, number]), generated(number % 4)

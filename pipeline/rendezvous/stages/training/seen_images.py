@@ -13,7 +13,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from rendezvous.errors import StoreError
-from rendezvous.evaluation.dataset.sampling import located_columns, rows_at
+from rendezvous.evaluation.dataset.sampling import ROW, SHARD, located_columns, rows_at
 from rendezvous.evaluation.relative_pose.errors import ImageTruth, as_seen
 from rendezvous.geometry.camera import Image, PinholeCamera, se2_from_se3
 from rendezvous.geometry.se2 import SE2, Array
@@ -116,7 +116,7 @@ def _places(reader: StageReader, split: str, kind: str) -> pa.Table:
     under = f"{schema.name}/{split}-"
     columns = (id_column, "visibility", *(("mode",) if kind == PLAUSIBLE else ()))
     if not reader.shards(under):
-        return pa.table({name: [] for name in columns})
+        return pa.table({name: [] for name in (*columns, SHARD, ROW)})
     table = located_columns(reader, columns, under=under)
     there = reader.table(reader.shards(under)[0].name).column_names
     for name in _NEEDED[kind]:
