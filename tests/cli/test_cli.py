@@ -68,7 +68,7 @@ def test_every_command_explains_itself(name: str):
     ("arguments", "said"),
     [
         (("meshes", "--set", "meshes.wall_height=3"), "the nearest known key is 'wall_height_m'"),
-        (("meshes", "--preset", "huge"), "presets are smoke, default, large, paper"),
+        (("meshes", "--preset", "huge"), "presets are smoke, default, poses, pathtraced, large, paper"),
         (("meshes", "--engine", "spark"), "--engine is 'spark'; must be one of local, inline, ray"),
         (("meshes", "--config", "nowhere.yaml"), "nowhere.yaml: no such file or directory"),
         (("meshes", "--data", ""), "--data is ''; must name a folder or be a URI"),

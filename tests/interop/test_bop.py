@@ -183,7 +183,7 @@ def test_the_models_file_opens_elsewhere(burger):
     T_r_o = load_robot("burger").cuboid.T_r_o()
     mesh = trimesh.load_mesh(io.BytesIO(model_ply(burger, T_r_o)), file_type="ply", process=False)
     assert mesh.vertices == pytest.approx(1000.0 * model_vertices(burger, T_r_o), abs=1e-3)
-    assert np.abs(mesh.bounds) == pytest.approx(500.0 * np.tile(SIZE_M, (2, 1)), abs=0.1)
+    assert np.abs(mesh.bounds) == pytest.approx(500.0 * np.tile(SIZE_M, (2, 1)), abs=0.6)
     assert mesh.area == pytest.approx(1e6 * sum(part.area for part in burger.values()), rel=1e-5)
 
 
@@ -204,7 +204,7 @@ def test_the_models_file_has_colours_and_normals(burger):
     vertex = _vertex_properties(model_ply(burger, load_robot("burger").cuboid.T_r_o()))
     normals = np.column_stack([vertex["nx"], vertex["ny"], vertex["nz"]])
     assert np.allclose(normals, np.concatenate([part.vertex_normals for part in burger.values()]), atol=1e-6)
-    first = sum(len(part.vertices) for name, part in burger.items() if name < "board_pi")
+    first = sum(len(part.vertices) for name, part in burger.items() if name < "board.pi")
     # The board is (0.01, 0.18, 0.05) in linear light; by the definition of sRGB that is this green.
     assert [vertex[c][first] for c in ("red", "green", "blue")] == pytest.approx([25.0, 118.0, 63.0], abs=3.0)
 

@@ -125,7 +125,7 @@ def test_bops_model_is_the_robot_in_millimetres(bop):
     out, _ = bop
     mesh = trimesh.load_mesh(out / "models" / "obj_000001.ply")
     half_mm = 500.0 * np.array(BURGER.cuboid.size_m)
-    assert np.abs(mesh.bounds) == pytest.approx(np.array([half_mm, half_mm]), abs=0.2)
+    assert np.abs(mesh.bounds) == pytest.approx(np.array([half_mm, half_mm]), abs=0.6)
     info = json.loads((out / "models" / "models_info.json").read_text())
     assert list(info) == ["1"]
     assert info["1"]["size_z"] == pytest.approx(np.ptp(mesh.vertices[:, 2]), abs=1e-3)

@@ -91,7 +91,7 @@ class CyclesRenderer:
             self._scene.render.filepath = str(path)
             with without_output():
                 blender().ops.render.render(write_still=True)
-            bgra = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+            bgra = cv2.imdecode(np.fromfile(path, np.uint8), cv2.IMREAD_UNCHANGED)
         assert bgra is not None, "Blender wrote no picture"
         return cv2.cvtColor(bgra, cv2.COLOR_BGRA2RGBA)
 
