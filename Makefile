@@ -18,7 +18,7 @@ OPTIONS = --preset $(PRESET) --data $(DATA) $(if $(WORKERS),--workers $(WORKERS)
 
 help:  ## print this
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
-	@echo "  variables: PRESET=$(PRESET) (smoke, default, large, paper), DATA=$(DATA), WORKERS=all cores,"
+	@echo "  variables: PRESET=$(PRESET) (smoke, default, poses, pathtraced, large, paper), DATA=$(DATA), WORKERS=all cores,"
 	@echo "             SET='explore.episodes_per_plan=10 ...', PYTHON=$(PYTHON), OUT=$(or $(OUT),runs/MODEL) (train's)"
 
 setup: $(READY)  ## install everything into .venv

@@ -21,7 +21,12 @@ Config = Annotated[
     str | None,
     typer.Option("--config", help="Stages and parameters; stages.yaml here, or else the shipped one."),
 ]
-Preset = Annotated[str, typer.Option("--preset", help="smoke, default, large, paper or poses.")]
+Preset = Annotated[
+    str,
+    typer.Option(
+        "--preset", help="A preset of the configuration: smoke, default, poses, pathtraced, large, paper."
+    ),
+]
 Overrides = Annotated[
     list[str], typer.Option("--set", metavar="KEY=VALUE", help="Override a parameter; may be repeated.")
 ]
