@@ -10,7 +10,6 @@ The meshes have no colours: each face gets those of the nearest part of our mode
 from __future__ import annotations
 
 import argparse
-import os
 import shutil
 from pathlib import Path
 
@@ -18,7 +17,7 @@ import numpy as np
 import trimesh
 from scipy.spatial import cKDTree
 
-from benchmarks.robot_shape import maker_parts
+from benchmarks.robot_shape import NO_MESHES, maker_folder, maker_parts
 from rendezvous.rendering.robot_model import nominal_parts, part_material, robot_glb, robot_parts
 from rendezvous.resources import ROBOTS
 from rendezvous.robot_file import load_robot, load_robot_model
@@ -51,7 +50,7 @@ def write(folder: Path, meshes: Path) -> None:
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("folder", type=Path)
-    write(
-        parser.parse_args().folder,
-        Path(os.environ.get("RENDEZVOUS_TEST_DATA", "../shared/data")) / "robot",
-    )
+    folder, meshes = parser.parse_args().folder, maker_folder()
+    if meshes is None:
+        parser.error(NO_MESHES)
+    write(folder, meshes)

@@ -30,13 +30,15 @@ RANGE_M = 0.75
 ADDED = ("cable", "chip", "plug", "sticker")
 """Kinds of parts that the maker's meshes do not have."""
 
+NO_MESHES = "no meshes of the maker; RENDEZVOUS_TEST_DATA must name the folder above robot/"
+
 
 def measure(options: argparse.Namespace) -> dict[str, object]:
     """Intersection over union of silhouettes and error of depth, with and without parts added to the mesh."""
     del options
-    folder = Path(os.environ.get("RENDEZVOUS_TEST_DATA", "../shared/data")) / "robot"
-    if not folder.is_dir():
-        return {"skipped": f"no meshes at {folder}; RENDEZVOUS_TEST_DATA names the folder above robot/"}
+    folder = maker_folder()
+    if folder is None:
+        return {"skipped": NO_MESHES}
     spec = load_robot("burger")
     theirs = maker_parts(folder)
     camera = "camera" in theirs
@@ -50,6 +52,13 @@ def measure(options: argparse.Namespace) -> dict[str, object]:
         "body": compare(body, theirs, centre_m),
         "whole": compare(ours, theirs, centre_m),
     }
+
+
+def maker_folder() -> Path | None:
+    """The folder of the maker's meshes; None if there is none."""
+    given = os.environ.get("RENDEZVOUS_TEST_DATA")
+    folder = Path(given) / "robot" if given else None
+    return folder if folder is not None and folder.is_dir() else None
 
 
 def maker_parts(folder: Path) -> dict[str, trimesh.Trimesh]:

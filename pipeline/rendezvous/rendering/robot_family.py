@@ -208,7 +208,7 @@ def robot_looks(spec: RobotSpec, parts: Mapping[str, trimesh.Trimesh]) -> tuple[
 
 
 def _paint(name: str) -> str:
-    """What parts share one material by: the first two words of their names, or the kind of small ones."""
+    """What parts share one material by: the first three words of their names, or the kind of small ones."""
     words = name.split(".")
     return words[0] if words[0] in ("plate", "post", "screw") else ".".join(words[:3])
 
