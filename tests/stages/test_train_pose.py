@@ -22,7 +22,7 @@ from rendezvous.stages.pack import pack
 from rendezvous.stages.train_pose import train_pose
 from rendezvous.stages.training.train_record import CHECKPOINT, CURVE, WEIGHTS
 from rendezvous.store.read import StageReader
-from rendezvous.training.checkpoint import fit_weights_in_place, read_checkpoint
+from rendezvous.training.checkpoint import fit_weights_in_place, read_checkpoint, with_record
 from rendezvous.training.published_rows import rows_per_split
 from rendezvous.training.relative_pose.model import PoseModel
 from tests.conftest import ROOT, run_in, wait_until
@@ -142,6 +142,18 @@ def test_initial_weights_are_read_from_their_file(tmp_path: Path):
     path.write_bytes(path.read_bytes()[:-100])
     with pytest.raises(ConfigError, match="file: a trained network's weights, or torchvision's vgg19"):
         train_pose(run_in(str(tmp_path / "no data"), sets))
+
+
+def test_floor_plans_of_the_weights_it_starts_from_count_as_seen(data: Path, tmp_path: Path):
+    trained(data, tmp_path / "first", "train_pose.samples=8")
+    first = read_checkpoint((tmp_path / "first" / WEIGHTS).read_bytes(), where="first")
+    own = first.record["data"]["plan_digests"]
+    other = first.record["data"] | {"plan_digests": ["feedfeedfeed"]}
+    given = tmp_path / "given.safetensors"
+    given.write_bytes(with_record(first, data=other))
+    trained(data, tmp_path / "second", "train_pose.samples=8", f"train_pose.initial_weights={given}")
+    second = read_checkpoint((tmp_path / "second" / WEIGHTS).read_bytes(), where="second")
+    assert second.record["data"]["plan_digests"] == sorted([*own, "feedfeedfeed"])
 
 
 def test_a_dataset_without_poses_is_one_line_and_exit_2(data: Path, tmp_path: Path):

@@ -16,8 +16,9 @@ from rendezvous.stages.training.calibrate_pose import LEAST_ROWS, calibrate_pose
 from rendezvous.stages.training.train_record import WEIGHTS
 from rendezvous.stages.training.training_run import joined_processes, train_in_folder
 from rendezvous.store.disk import Disk
+from rendezvous.training.checkpoint import read_checkpoint
 from rendezvous.training.relative_pose.data import PoseTrainingBatches, validation_samples
-from rendezvous.training.relative_pose.model import POSE_MODEL, build_pose_model
+from rendezvous.training.relative_pose.model import POSE_MODEL, build_pose_model, is_trained
 from rendezvous.training.relative_pose.poses import KIND, read_poses
 from rendezvous.training.relative_pose.validation import PoseValidation
 
@@ -38,7 +39,7 @@ def train_pose(run: Run, *, out: Path | None = None, resume: bool = False) -> Pa
     """
     section, reader, seed = run.config.train_pose, run.read("pack"), run.config.seed
     where = section.initial_weights
-    initial = None if where is None else _weights(where)
+    initial, seen_before = (None, []) if where is None else _weights(where)
     with joined_processes(run.workers) as processes:
         model = build_pose_model(section.settings, seed=seed, initial_weights=initial, where=where or "")
         training, validation = (read_poses(reader, split) for split in ("train", "validation"))
@@ -55,6 +56,7 @@ def train_pose(run: Run, *, out: Path | None = None, resume: bool = False) -> Pa
             out=out,
             resume=resume,
             processes=processes,
+            seen_before=seen_before,
             robot=asdict(training.robot()),
             sampling=asdict(section.sampling),
         )
@@ -78,11 +80,16 @@ def _calibrate(run: Run, validation_rows: int, folder: Path) -> None:
         run.say(f"calibrate: left out, {error}")
 
 
-def _weights(path: str) -> dict[str, Tensor]:
+def _weights(path: str) -> tuple[dict[str, Tensor], list[str]]:
+    """Weights to start from, and digests of the floor plans that they were trained on."""
     try:
-        return safetensors.torch.load(Disk(str(Path(path).parent)).read(Path(path).name))
+        data = Disk(str(Path(path).parent)).read(Path(path).name)
+        tensors = safetensors.torch.load(data)
     except (StoreError, OSError, safetensors.SafetensorError) as error:
         raise ConfigError(
             f"train_pose.initial_weights is {path}: {' '.join(str(error).split())}; must be a safetensors "
             "file: a trained network's weights, or torchvision's vgg19 (features.0.weight, ...)"
         ) from error
+    if not is_trained(tensors):
+        return tensors, []
+    return tensors, list(read_checkpoint(data, where=path).record.get("data", {}).get("plan_digests") or [])

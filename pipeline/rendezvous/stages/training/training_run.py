@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -59,7 +59,11 @@ def joined_processes(threads: int) -> Iterator[Processes]:
 
 
 def _about_data(
-    run: Run, section: TrainingSection, tables: Mapping[str, PublishedRows], rows: str
+    run: Run,
+    section: TrainingSection,
+    tables: Mapping[str, PublishedRows],
+    rows: str,
+    seen_before: Sequence[str],
 ) -> dict[str, Any]:
     """Parameters and data of a run; with its model they are the part of a checkpoint that never changes."""
     return {
@@ -70,7 +74,8 @@ def _about_data(
             "digest": digest_of({split: table.digest() for split, table in tables.items()}),
             rows: {split: len(table) for split, table in tables.items()},
             "plans": {split: len(table.plan_digests()) for split, table in tables.items()},
-            "plan_digests": [digest[:_DIGITS] for digest in tables["train"].plan_digests()],
+            # With those of the weights that it starts from.
+            "plan_digests": sorted({*(d[:_DIGITS] for d in tables["train"].plan_digests()), *seen_before}),
             "seeds": sorted({seed for table in tables.values() for seed in table.seeds()}),
         },
         "torch": torch.__version__,
@@ -122,6 +127,7 @@ def train_in_folder(
     out: Path | None,
     resume: bool,
     processes: Processes,
+    seen_before: Sequence[str] = (),
     **more: Any,
 ) -> Path:
     """Train until the budget is spent; checkpoint, weights, curve and events go into the folder.
@@ -134,7 +140,12 @@ def train_in_folder(
     folder = out or Path(run.config.stages[section.stage()].writes) / name
     optimisation = with_precision(section.optimisation, processes.device)
     section = section.model_copy(update={"optimisation": optimisation})
-    about = {"model": name, "network": model.config(), **more, **_about_data(run, section, tables, rows)}
+    about = {
+        "model": name,
+        "network": model.config(),
+        **more,
+        **_about_data(run, section, tables, rows, seen_before),
+    }
     state = TrainingState.fresh(model.to(processes.device), section.optimisation)
     _begin_in_place(state, Disk(str(folder)), about, resume=resume)
     if processes.first:

@@ -90,11 +90,16 @@ def build_pose_model(
     model = PoseModel(network)
     if initial_weights is None:
         return model
-    if any(name.startswith(_OWN) for name in initial_weights):
+    if is_trained(initial_weights):
         fit_weights_in_place(model, initial_weights, where=where)
     else:
         _begin_with_in_place(network, initial_weights, where=where)
     return model
+
+
+def is_trained(weights: Mapping[str, Tensor]) -> bool:
+    """Whether the weights are of such a network, rather than of VGG-19."""
+    return any(name.startswith(_OWN) for name in weights)
 
 
 def _begin_with_in_place(network: RelativePoseNet, weights: Mapping[str, Tensor], *, where: str) -> None:
