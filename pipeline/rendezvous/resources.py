@@ -14,6 +14,7 @@ IN_CHECKOUT = not _CARRIED.is_dir()
 ROOT = _PACKAGE.parents[1] if IN_CHECKOUT else _CARRIED  # of `stages.yaml`, `assets/` and `floorplans/`
 
 ROBOTS = ROOT / "assets" / "robots"
+LIDARS = ROOT / "assets" / "lidars"
 WEIGHTS = ROOT / "assets" / "weights"
 METRICS = ROOT / "assets" / "metrics"
 SIGHTING = ROOT / "assets" / "sighting"

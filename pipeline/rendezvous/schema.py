@@ -174,7 +174,7 @@ _TRAJECTORY = "s, m, m, rad"
 _IDENTITY = (
     Column(name="pair_id", type=pa.string(), about="Unique name of this row: the event and its observer."),
     Column(name="event_id", type=pa.string(), about="The rendezvous; its two rows share it if both robots see each other."),
-    Column(name="episode_id", type=pa.string(), about="The exploration of one plan from one pair of starts. Of recorded pairs their source: the log's file, the start of its SHA-256, and the scans of each robot in the order of driving."),
+    Column(name="episode_id", type=pa.string(), about="The exploration of one plan from one pair of starts. After it, if they were drawn, both robots' lidars and the share of the furniture that changed between them: ` lidars=NAME,NAME changed=0.42`. Of recorded pairs their source: the log's file, the start of its SHA-256, and the scans of each robot in the order of driving."),
     Column(name="observer", type=pa.int32(), about="Which robot of the episode, 0 or 1, is this row's robot 0."),
     Column(name="plan_id", type=pa.string(), about="Name of the floor plan; of the building where a log was recorded."),
     Column(name="plan_digest", type=pa.string(), about="SHA-256 of the plan's geometry (of the building's name); splits go by it."),

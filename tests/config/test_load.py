@@ -262,5 +262,5 @@ def test_a_seed_on_the_command_line_is_told_as_such():
 def test_a_missing_file_and_an_unknown_preset_are_told():
     assert "no such file" in message_of(path=Path("nowhere.yaml"))
     assert message_of(preset="big").endswith(
-        "no preset 'big'; presets are smoke, default, poses, pathtraced, large, paper"
+        "no preset 'big'; presets are smoke, default, poses, maps, pathtraced, large, paper"
     )

@@ -102,7 +102,29 @@ class ExploreSection(StageSection):
     furniture_density: Annotated[float, Field(ge=0, le=3)]  # 0 none, 1 moderate, 2 crowded
     start_margin_m: Annotated[float, Field(ge=0)]  # least distance from a robot at its start to anything else
     start_distance_m: Positive  # least distance between the two starts
+    # Names of lidars in `assets/lidars` or paths of lidar files, with weights; none: the robot's own.
+    lidar: dict[str, Annotated[float, Field(ge=0)]]
+    # Share of episodes in which the two robots find different furniture, and the bounds of the share of its
+    # pieces that differ.
+    changed_share: Share
+    changed_furniture: tuple[Share, Share]
     episode: EpisodeParameters  # duration, recording, noise, exploration, SLAM
+
+    @field_validator("lidar", mode="before")
+    @classmethod
+    def _name_alone(cls, lidar: Any) -> Any:
+        """A name stands for itself with any weight, null for the robot's own lidar."""
+        return {} if lidar is None else {lidar: 1.0} if isinstance(lidar, str) else lidar
+
+    @model_validator(mode="after")
+    def _check_draws(self) -> Self:
+        if self.lidar and not sum(self.lidar.values()) > 0.0:
+            raise ConfigError("explore.lidar: all weights are 0; one must be above")
+        if self.changed_furniture[0] > self.changed_furniture[1]:
+            raise ConfigError(
+                f"explore.changed_furniture is {list(self.changed_furniture)}; must be two rising shares"
+            )
+        return self
 
 
 class RenderSection(StageSection):

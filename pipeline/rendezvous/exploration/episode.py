@@ -18,6 +18,7 @@ from rendezvous.geometry.se2 import SE2, Array
 from rendezvous.simulation.drive import TICK_S, Encoder, Physics
 from rendezvous.simulation.rays import RayScene, cast_rays, ray_scene
 from rendezvous.simulation.robot import RobotSpec, beam_bearings, noisy_ranges
+from rendezvous.slam.slam import last_part
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -27,6 +28,13 @@ class Surroundings:
     solids: tuple[Solid, ...]  # all that they can run into
     lidar_scene: RayScene  # all that their lidars see, at the height that both have in common
     sight_obstacles: SightObstacles  # all that can hide one robot from the other's camera
+
+    def own_solids(self, other: Surroundings) -> tuple[Solid, ...]:
+        """The solids that are not in the other ones."""
+        if other is self:
+            return ()
+        shared = set(other.solids)
+        return tuple(solid for solid in self.solids if solid not in shared)
 
 
 def furnished(
@@ -48,7 +56,7 @@ def in_the_way(furniture: Sequence[Solid], robot: RobotSpec) -> tuple[Solid, ...
 
 
 def run_episode(
-    surroundings: Surroundings,
+    surroundings: Surroundings | tuple[Surroundings, Surroundings],
     robots: tuple[RobotSpec, RobotSpec],
     starts: tuple[SE2, SE2],
     parameters: EpisodeParameters,
@@ -57,6 +65,7 @@ def run_episode(
 ) -> Episode:
     """Drive both robots until `max_events` rendezvous or `max_time_s`.
 
+    `surroundings` may be of each robot its own: it runs into, scans and sees past what is in its own alone.
     `starts` are true poses in w; `rng` is split into one stream per source of randomness, so that none shifts
     another.
     """
@@ -89,12 +98,13 @@ class _Robot:
     def sweep(self, scene: RayScene, other: _Robot) -> None:
         """Shoot the sweep that ends now and hand it to the explorer."""
         lidar = self.spec.lidar
-        T_w_l = _poses_along(np.array(self.knots_w), lidar.beams, lidar.x_m)
+        ticks = lidar.sweep_s() / TICK_S
+        T_w_l = _poses_along(last_part(np.array(self.knots_w), ticks), lidar.beams, lidar.x_m)
         circle = other.spec.circle_at(lidar.z_m)
         others_m = None
         apart_m = math.dist(self.knots_w[-1][:2], other.knots_w[-1][:2])
         if circle is not None and apart_m < lidar.range_max_m + 1.0:
-            others_m = _poses_along(np.array(other.knots_w), lidar.beams, circle[0])
+            others_m = _poses_along(last_part(np.array(other.knots_w), ticks), lidar.beams, circle[0])
             others_m[:, 2] = circle[1]
         ranges_m = cast_rays(
             scene, T_w_l, self._bearings_rad, max_range_m=1.2 * lidar.range_max_m, others_m=others_m
@@ -119,7 +129,7 @@ class _Exploration:
 
     def __init__(
         self,
-        surroundings: Surroundings,
+        surroundings: Surroundings | tuple[Surroundings, Surroundings],
         robots: tuple[RobotSpec, RobotSpec],
         starts: tuple[SE2, SE2],
         parameters: EpisodeParameters,
@@ -127,14 +137,18 @@ class _Exploration:
     ) -> None:
         physics_rng, rng_0, rng_1, schedule_rng = rng.spawn(4)
         self._p = parameters
-        self._surroundings = surroundings
+        worlds = (surroundings, surroundings) if isinstance(surroundings, Surroundings) else surroundings
+        self._worlds = worlds
+        self._own_solids = (worlds[0].own_solids(worlds[1]), worlds[1].own_solids(worlds[0]))
+        solids, only_for = _all_solids(worlds)
         self._physics = Physics(
-            surroundings.solids,
+            solids,
             robots,
             starts,
             drive=parameters.drive,
             planar_slip=parameters.odometry_noise.planar_slip,
             rng=physics_rng,
+            only_for=only_for,
         )
         self._robots = (
             _Robot(robots[0], starts[0], parameters, rng_0),
@@ -146,7 +160,8 @@ class _Exploration:
         self._next_event_m = [0.0, 0.0]
         self._events: list[Rendezvous] = []
         self._sweeps = 0
-        self._ticks_per_sweep = round(1.0 / (robots[0].lidar.rate_hz * TICK_S))
+        # Both sweep at once, as often as the slower lidar.
+        self._ticks_per_sweep = max(round(1.0 / (robot.lidar.rate_hz * TICK_S)) for robot in robots)
         self._sweeps_per_step = max(1, round(parameters.trajectory_step_s / (self._ticks_per_sweep * TICK_S)))
 
     def finish(self) -> Episode:
@@ -173,8 +188,8 @@ class _Exploration:
     def _sweep(self) -> None:
         """Finish a turn of both lidars, record the paths, and a rendezvous if there is one."""
         first, second = self._robots
-        first.sweep(self._surroundings.lidar_scene, second)
-        second.sweep(self._surroundings.lidar_scene, first)
+        first.sweep(self._worlds[0].lidar_scene, second)
+        second.sweep(self._worlds[1].lidar_scene, first)
         self._sweeps += 1
         sightings = self._sightings()
         for robot in self._robots:
@@ -193,7 +208,7 @@ class _Exploration:
         if any(r.travelled_m < m for r, m in zip(self._robots, self._next_event_m, strict=True)):
             return None
         first, second = self._robots
-        views = (self._sight(first, second), self._sight(second, first))
+        views = (self._sight(first, second, 0), self._sight(second, first, 1))
         if views == (None, None):
             return None
         least_m2 = self._p.least_explored_m2
@@ -201,14 +216,16 @@ class _Exploration:
             return None
         return views
 
-    def _sight(self, observer: _Robot, seen: _Robot) -> Sighting | None:
+    def _sight(self, observer: _Robot, seen: _Robot, world: int) -> Sighting | None:
         p = self._p.sighting
+        if _stands_in(seen, self._own_solids[world]):
+            return None
         view = sight(
             observer.spec,
             seen.spec,
             SE2.from_array(observer.knots_w[-1]),
             SE2.from_array(seen.knots_w[-1]),
-            self._surroundings.sight_obstacles,
+            self._worlds[world].sight_obstacles,
             min_range_m=p.min_range_m,
             max_range_m=p.max_range_m,
         )
@@ -223,6 +240,30 @@ class _Exploration:
         )
         self._next_event_s = self._physics.time_s + self._p.event_gap_s
         self._next_event_m = [robot.travelled_m + self._p.event_gap_m for robot in self._robots]
+
+
+def _all_solids(
+    worlds: tuple[Surroundings, Surroundings],
+) -> tuple[tuple[Solid, ...], tuple[int | None, ...]]:
+    """The solids of both worlds, and the robot that alone runs into each; () if there is one world only."""
+    first, second = worlds
+    if second is first:
+        return first.solids, ()
+    own = set(first.own_solids(second))
+    extra = second.own_solids(first)
+    only_for = [0 if solid in own else None for solid in first.solids]
+    return (*first.solids, *extra), (*only_for, *(1 for _ in extra))
+
+
+def _stands_in(robot: _Robot, solids: Sequence[Solid]) -> bool:
+    """Whether the robot stands where these solids, which it does not meet, are."""
+    p_w = robot.knots_w[-1][:2]
+    reach_m = robot.spec.radius_m
+    return any(
+        math.hypot(*np.maximum(np.abs(solid.T_w_s().inverse() @ p_w) - (solid.half_x_m, solid.half_y_m), 0.0))
+        < reach_m
+        for solid in solids
+    )
 
 
 @njit

@@ -16,7 +16,7 @@ from rendezvous.geometry.se2 import Array
 from rendezvous.simulation.drive import TICK_S
 from rendezvous.simulation.robot import RobotSpec, beam_bearings
 from rendezvous.slam.mapping import OccupancyMapper
-from rendezvous.slam.slam import Slam, SlamParameters, Sweep, WheelOdometry, compose, relative
+from rendezvous.slam.slam import Slam, SlamParameters, Sweep, WheelOdometry, compose, last_part, relative
 
 _SHUN_S = 30.0
 _SHUN_MARGIN_M = 0.395  # a goal within the robot's radius and this of one given up is avoided as well
@@ -159,7 +159,7 @@ class Explorer:
             lidar_x_m=lidar.x_m,
             lidar_sigma=(lidar.noise.sigma_m, lidar.noise.sigma_ratio),
             no_echo_m=lidar.clears_m(),
-            parameters=slam,
+            parameters=slam.with_normals(lidar.step_rad(), to_m=lidar.normals_to_m),
         )
         self.odometry = WheelOdometry(wheel_radius_m=spec.wheels.radius_m, track_m=spec.wheels.track_m)
         self._knots: list[Array] = []
@@ -183,10 +183,14 @@ class Explorer:
     def read_lidar(self, ranges_m: Array) -> None:
         """Take the sweep that ended with the last encoder reading: (B,) [m]."""
         before = self.slam.pose() if self.slam.has_started() else None
-        self.slam.update(Sweep(ranges_m=ranges_m, odometry=np.array(self._knots)))
+        self.slam.update(Sweep(ranges_m=ranges_m, odometry=self._swept()))
         if before is not None:
             self._feel(relative(self._knots[0], self._knots[-1]), relative(before, self.slam.pose()))
         self._knots = self._knots[-1:]
+
+    def _swept(self) -> Array:
+        """(K, 3) odometry during the sweep that ended now."""
+        return last_part(np.array(self._knots), self._spec.lidar.sweep_s() / TICK_S)
 
     def _feel(self, rolled: Array, moved: Array) -> None:
         """Notice wheels that turn without moving the robot."""

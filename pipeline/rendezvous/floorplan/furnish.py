@@ -57,6 +57,11 @@ RECIPES = {
     ),
     "Storage": Recipe(fill=0.3, first=(c.rack, c.shelf), then=(c.rack, c.boxes, c.boxes, c.shelf, *CLUTTER)),
     "Corridor": Recipe(fill=0.06, first=(), then=(c.bench, c.radiator, c.drawers, c.plant, c.bin_, c.boxes)),
+    "Large_Hall": Recipe(
+        fill=0.04,
+        first=(),
+        then=(c.round_table, c.meeting_table, c.boxes, c.rack, c.screen, c.desk, c.bench, *CLUTTER),
+    ),
     "Hall": Recipe(
         fill=0.14,
         first=(),
@@ -96,6 +101,19 @@ MIN_AGREEMENT = 0.3  # a label is a room's from this intersection over union on
 WALL_SPOT_STEP_M = 0.2
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Placed:
+    """A piece of furniture where it stands."""
+
+    piece: Piece
+    pose: Array  # (3,) x [m], y [m], yaw [rad] in w
+    item: int  # its number
+
+    def solids(self) -> tuple[Solid, ...]:
+        """Its solids in w."""
+        return self.piece.placed(self.pose, item=self.item)
+
+
 def furnish(
     floorplan: Floorplan, rng: np.random.Generator, *, density: float, robot_radius_m: float
 ) -> tuple[Solid, ...]:
@@ -117,19 +135,31 @@ def furnish(
     Raises:
         FloorplanError: the density is out of range.
     """
+    pieces = arranged(floorplan, rng, density=density, robot_radius_m=robot_radius_m)
+    return tuple(solid for placed in pieces for solid in placed.solids())
+
+
+def arranged(
+    floorplan: Floorplan, rng: np.random.Generator, *, density: float, robot_radius_m: float
+) -> tuple[Placed, ...]:
+    """The furniture of `furnish` as pieces, in the order in which they were placed.
+
+    Raises:
+        FloorplanError: the density is out of range.
+    """
     if not 0.0 <= density <= 3.0:
         raise FloorplanError(f"furniture density {density}; must be from 0 (none) to 3 (packed)")
     if density == 0.0:
         return ()
     site = Site(floorplan, robot_radius_m=robot_radius_m)
-    solids: list[Solid] = []
+    pieces: list[Placed] = []
     spots = _wall_spots(floorplan, site)
     for cells, room_spots in zip(site.cells_per_room(), spots, strict=True):
         if len(room_spots) and len(cells):
-            item = solids[-1].item + 1 if solids else 0
             room = _FloorSpace(site=site, cells=cells, spots=room_spots)
-            solids += _furnished(room, _category(room, floorplan.rooms), rng, density=density, item=item)
-    return tuple(solids)
+            category = _category(room, floorplan.rooms)
+            pieces += _furnished(room, category, rng, density=density, item=len(pieces))
+    return tuple(pieces)
 
 
 class _FloorSpace:
@@ -145,12 +175,12 @@ class _FloorSpace:
 
 def _furnished(
     room: _FloorSpace, category: str, rng: np.random.Generator, *, density: float, item: int
-) -> list[Solid]:
+) -> list[Placed]:
     """Pieces until the floor that they take reaches the room's budget, or no more find a place."""
     recipe = recipe_for(category, area_m2=room.area_m2)
     # Uniform: the rooms of one storey are not equally full.
     budget_m2 = density * recipe.fill * room.area_m2 * rng.uniform(0.6, 1.4)
-    solids: list[Solid] = []
+    pieces: list[Placed] = []
     failures = 0
     for make in _queue(recipe, rng, rounds=1 + int(density * room.area_m2 / ROUND_M2)):
         piece = make(rng)
@@ -163,10 +193,9 @@ def _furnished(
         if failures == FAILURES:
             break
         if pose is not None:
-            solids += piece.placed(pose, item=item)
+            pieces.append(Placed(piece=piece, pose=pose, item=item + len(pieces)))
             budget_m2 -= area_m2
-            item += 1
-    return solids
+    return pieces
 
 
 def _queue(recipe: Recipe, rng: np.random.Generator, *, rounds: int) -> Iterator[Maker]:

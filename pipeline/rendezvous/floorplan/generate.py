@@ -10,6 +10,7 @@ import shapely
 from shapely import LineString, Polygon
 
 from rendezvous.errors import FloorplanError
+from rendezvous.floorplan.large_hall import large_hall
 from rendezvous.floorplan.layouts import Storey, apartment, hall, office, tapered
 from rendezvous.floorplan.partition import Walls, is_compact, shared_walls
 from rendezvous.floorplan.records import Floorplan, Room
@@ -17,6 +18,7 @@ from rendezvous.floorplan.validate import FloorplanLimits, validated
 from rendezvous.geometry.se2 import Array
 from rendezvous.seeds import stream
 
+LAYOUTS = {"apartment": apartment, "office": office, "hall": hall, "large_hall": large_hall}
 ATTEMPTS = 50  # layouts drawn before giving up; a few per cent of them fail
 SHIPPED_KINDS = ("apartment", "office", "apartment", "hall", "office", "apartment")
 
@@ -27,10 +29,11 @@ ALL_REACHABLE = FloorplanLimits(min_reachable_share=0.97)  # no generated room m
 class GeneratorParameters:
     """The distributions that plans are drawn from; ranges are (least, most)."""
 
-    # apartment, office, hall: weights of the kinds.
+    # apartment, office, hall, large_hall: weights of the kinds.
     apartment: float = 0.45
     office: float = 0.35
     hall: float = 0.2
+    large_hall: float = 0.0
     rooms: tuple[int, int] = (3, 20)  # number of rooms, corridors included
     # Thickness of partition walls; single walls are thicker, up to the end of the range.
     wall_thickness_m: tuple[float, float] = (0.08, 0.3)
@@ -40,11 +43,10 @@ class GeneratorParameters:
     niche_share: float = 0.35  # probability of a pilaster, shaft or window bay, per room
 
     def __post_init__(self) -> None:
-        if min(self.apartment, self.office, self.hall) < 0 or self.apartment + self.office + self.hall <= 0:
-            raise FloorplanError(
-                f"generator: weights apartment {self.apartment}, office {self.office}, hall {self.hall}; "
-                "must not be negative, nor all zero"
-            )
+        weights = self.weights()
+        if min(weights.values()) < 0 or sum(weights.values()) <= 0:
+            given = ", ".join(f"{kind} {weight}" for kind, weight in weights.items())
+            raise FloorplanError(f"generator: weights {given}; must not be negative, nor all zero")
         for name, low, high in (
             ("rooms", 3, 20),
             ("wall_thickness_m", 0.05, 0.4),
@@ -55,6 +57,10 @@ class GeneratorParameters:
                 raise FloorplanError(
                     f"generator: {name} is ({least}, {most}); must be (least, most) within {low} to {high}"
                 )
+
+    def weights(self) -> dict[str, float]:
+        """The weight of each kind, `large_hall` last: at weight 0 it changes no draw."""
+        return {kind: getattr(self, kind) for kind in LAYOUTS}
 
 
 def generate_floorplan(
@@ -70,13 +76,13 @@ def generate_floorplan(
         FloorplanError: no valid plan in `ATTEMPTS` layouts; the parameters contradict each other.
     """
     drawn_from = parameters or GeneratorParameters()
-    weights = np.array([drawn_from.apartment, drawn_from.office, drawn_from.hall])
+    weights = np.array(list(drawn_from.weights().values()))
     # Categorical over the kinds.
-    kind = rng.choice(3, p=weights / weights.sum())
+    kind = list(LAYOUTS)[rng.choice(len(weights), p=weights / weights.sum())]
     reason = ""
     for _ in range(ATTEMPTS):
         slanted = rng.random() < drawn_from.slanted_share
-        layout = (apartment, office, hall)[kind](rng, slanted=slanted)
+        layout = LAYOUTS[kind](rng, slanted=slanted)
         if slanted and rng.random() < 0.4:
             layout = tapered(layout, rng)
         if not drawn_from.rooms[0] <= len(layout.cells) <= drawn_from.rooms[1]:

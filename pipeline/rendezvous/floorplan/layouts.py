@@ -62,7 +62,7 @@ def office(rng: np.random.Generator, *, slanted: bool) -> Storey:
     cells = [corridor, *merged(rooms, rng, share=0.1, max_area_m2=45.0)]
     posts = [post for cell in cells[1:] if cell.area > 32.0 for post in _pillars(cell, rng)]
     return Storey(
-        cells=cells, categories=["Corridor", *_office_categories(cells[1:], rng)], hub=0, posts=posts
+        cells=cells, categories=["Corridor", *office_categories(cells[1:], rng)], hub=0, posts=posts
     )
 
 
@@ -71,15 +71,15 @@ def hall(rng: np.random.Generator, *, slanted: bool) -> Storey:
     # Uniform sizes: 110 to 290 m2.
     width_m, depth_m = rng.uniform(11.0, 18.0), rng.uniform(10.0, 16.0)
     shell = footprint(rng, width_m=width_m, depth_m=depth_m, slanted=slanted and rng.random() < 0.7)
-    open_space, sides = _sides(shell, rng)
+    open_space, strips = sides(shell, rng)
     slant = 0.2 if slanted else 0.0
-    rooms = subdivided(sides, rng, room_area_m2=rng.uniform(9.0, 18.0), min_side_m=2.2, slant=slant)
+    rooms = subdivided(strips, rng, room_area_m2=rng.uniform(9.0, 18.0), min_side_m=2.2, slant=slant)
     halls = subdivided([open_space], rng, room_area_m2=rng.uniform(60.0, 110.0), min_side_m=4.5, slant=slant)
     posts: list[Polygon] = []
     for cell in halls:
         pillars = _pillars(cell, rng)
         posts += [*pillars, *_screens(cell, rng, pillars)]
-    categories = ["Hall"] * len(halls) + _office_categories(rooms, rng)
+    categories = ["Hall"] * len(halls) + office_categories(rooms, rng)
     return Storey(cells=[*halls, *rooms], categories=categories, hub=0, posts=posts)
 
 
@@ -130,7 +130,7 @@ def _ring(shell: Polygon, rng: np.random.Generator, *, width_m: float) -> Polygo
     return _largest(outer.difference(outer.buffer(-width_m, join_style="mitre")).intersection(shell))
 
 
-def _sides(shell: Polygon, rng: np.random.Generator) -> tuple[Polygon, list[Polygon]]:
+def sides(shell: Polygon, rng: np.random.Generator) -> tuple[Polygon, list[Polygon]]:
     """The shell without, and the strips for side rooms along one or two sides."""
     x0, y0, x1, y1 = shell.bounds
     # Uniform: 2.6 to 4 m deep.
@@ -142,12 +142,12 @@ def _sides(shell: Polygon, rng: np.random.Generator) -> tuple[Polygon, list[Poly
         box(x0, y1 - d[3], x1, y1),
     ]
     chosen = rng.permutation(4)[: int(rng.integers(1, 3))]
-    sides: list[Polygon] = []
+    taken: list[Polygon] = []
     open_space = shell
     for side in chosen:
-        sides += _polygons(open_space.intersection(strips[side]))
+        taken += _polygons(open_space.intersection(strips[side]))
         open_space = _largest(open_space.difference(strips[side]))
-    return open_space, sides
+    return open_space, taken
 
 
 def _pillars(cell: Polygon, rng: np.random.Generator) -> list[Polygon]:
@@ -214,7 +214,7 @@ def _home_categories(cells: list[Polygon], rng: np.random.Generator) -> list[str
     return names
 
 
-def _office_categories(cells: list[Polygon], rng: np.random.Generator) -> list[str]:
+def office_categories(cells: list[Polygon], rng: np.random.Generator) -> list[str]:
     names = [
         str(rng.choice(["Office", "Meeting_Room"], p=[0.75, 0.25])) if cell.area > 9.0 else "Storage"
         for cell in cells

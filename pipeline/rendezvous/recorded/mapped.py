@@ -15,8 +15,6 @@ from rendezvous.slam.slam import MOST_CELLS, Slam, SlamParameters, Sweep, compos
 
 _MARGIN_M = 30.0  # mapped beyond the path on all sides
 _NORMALS_TO_M = 20.0  # points nearer than this have normals, if they lie on a wall
-_BEAMS_ABOUT = 1.75  # beams within a normal's radius on either side there: with the point's own at least four
-_WIDEST_NORMAL_M = 0.8
 _DRIFT = 1.1  # a map that drifts is larger than its odometry
 _MOST_EXTENT_M = 400.0
 
@@ -67,12 +65,8 @@ def map_scans(
         lidar_sigma=(lidar.sigma_m, lidar.sigma_ratio),
         no_echo_m=min(lidar.no_echo_free_m, 0.9 * log.range_max_m),
         parameters=replace(
-            parameters,
+            parameters.with_normals(_step_rad(log.bearings_rad), to_m=_NORMALS_TO_M),
             extent_m=_extent_m(odometry, parameters.mapping.resolution_m),
-            match=replace(
-                parameters.match,
-                normal_radius_m=max(parameters.match.normal_radius_m, _normal_radius_m(log.bearings_rad)),
-            ),
         ),
     )
     poses = np.empty((len(order), 3))
@@ -87,10 +81,8 @@ def map_scans(
     )
 
 
-def _normal_radius_m(bearings_rad: Array) -> float:
-    """How far a point's neighbours may be for its normal, so that there are enough also far away."""
-    step_rad = float(np.median(np.abs(np.diff(bearings_rad)))) if len(bearings_rad) > 1 else 0.0
-    return min(_BEAMS_ABOUT * step_rad * _NORMALS_TO_M, _WIDEST_NORMAL_M)
+def _step_rad(bearings_rad: Array) -> float:
+    return float(np.median(np.abs(np.diff(bearings_rad)))) if len(bearings_rad) > 1 else 0.0
 
 
 def _extent_m(odometry: Array, resolution_m: float) -> float:

@@ -14,7 +14,7 @@ from rendezvous.floorplan.records import Shape, Solid
 from rendezvous.geometry.se2 import SE2, Array
 from rendezvous.simulation.headless_mujoco import mujoco
 from rendezvous.simulation.robot import CONTROL_HZ, RobotSpec
-from rendezvous.simulation.world import SLOT_Z_M, TIMESTEP_S, Drive, scene_mjcf
+from rendezvous.simulation.world import SLOT_Z_M, TIMESTEP_S, Drive, collision_masks, scene_mjcf
 
 CELL_M = 0.25
 
@@ -59,9 +59,10 @@ def _cells_near(solid: Solid, reach_m: float) -> list[tuple[int, int]]:
 class Slots:
     """The geoms `slot0`, `slot1`, ... of a model, which can take the place of solids."""
 
-    def __init__(self, model: Any, solids: Sequence[Solid]) -> None:
+    def __init__(self, model: Any, solids: Sequence[Solid], only_for: Sequence[int | None] = ()) -> None:
         self._model = model
         self._solids = solids
+        self._masks = [collision_masks(robot) for robot in only_for]
         names = [model.geom(geom).name for geom in range(model.ngeom)]
         self._geoms = [geom for geom, name in enumerate(names) if name.startswith("slot")]
         self._filled: tuple[int, ...] = _PARKED
@@ -77,6 +78,9 @@ class Slots:
         for slot, geom in enumerate(self._geoms):
             if slot < len(indices):
                 self._place(geom, self._solids[indices[slot]])
+                if self._masks:
+                    masks = self._masks[indices[slot]]
+                    self._model.geom_contype[geom], self._model.geom_conaffinity[geom] = masks
             else:
                 self._model.geom_pos[geom] = (0.0, 0.0, SLOT_Z_M)
 
@@ -155,7 +159,8 @@ class Physics:
     the robots move on; the motion is the same.
 
     Starts are poses in w. `planar_slip` is relative, per tick, see `OdometryNoise`; `all_solids` keeps all
-    solids in the scene all the time.
+    solids in the scene all the time. Where robots have worlds of their own, `only_for` says of each solid
+    which robot alone runs into it, None for all.
     """
 
     def __init__(
@@ -168,6 +173,7 @@ class Physics:
         planar_slip: float,
         rng: np.random.Generator,
         all_solids: bool = False,
+        only_for: Sequence[int | None] = (),
     ) -> None:
         reach_m = max(max(spec.size_m) + 2.0 * spec.max_speed_mps * TICK_S for spec in robots)
         self._nearby = None if all_solids else Nearby(solids, reach_m=reach_m)
@@ -177,11 +183,12 @@ class Physics:
             starts,
             drive=drive,
             slots=0 if self._nearby is None else len(robots) * self._nearby.most,
+            own_worlds=bool(only_for),
         )
         self._model = mujoco.MjModel.from_xml_string(mjcf)
         # After divergence MuJoCo would reset everything and go on.
         self._model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
-        self._slots = Slots(self._model, solids)
+        self._slots = Slots(self._model, solids, only_for)
         self._data = mujoco.MjData(self._model)
         self._robots = robots
         self._drive = drive

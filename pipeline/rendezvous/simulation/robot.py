@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -14,6 +14,7 @@ from rendezvous.geometry.camera import PinholeCamera, camera_pose
 from rendezvous.geometry.cuboid import Vec3
 from rendezvous.geometry.se2 import Array
 
+_TURN_RAD = 2.0 * math.pi
 CONTROL_HZ = 20.0  # rate of the wheel controller and of the encoders
 _POSITIVE = ("radius_m", "mass_kg", "width_m", "track_m", "size_m", "rate_hz", "speed_mps", "rate_radps")
 
@@ -75,10 +76,45 @@ class LidarSpec:
     range_max_m: float
     no_echo_free_m: float  # how far a beam clears the map if it and its neighbours have no echo
     noise: LidarNoise
+    field_of_view_rad: float = _TURN_RAD  # centred straight ahead
+    turn_hz: float | None = None  # turns per second, of which `rate_hz` sweeps are used; null: all
+    normals_to_m: float = 0.0  # walls nearer than this are seen as lines however far apart the beams are
+
+    def sweep_s(self) -> float:
+        """How long a sweep takes, from its first beam to its last."""
+        return self.field_of_view_rad / (_TURN_RAD) / (self.turn_hz or self.rate_hz)
+
+    def step_rad(self) -> float:
+        """Angle between neighbouring beams."""
+        gaps = self.beams if self.sees_all_round() else self.beams - 1
+        return self.field_of_view_rad / gaps
+
+    def sees_all_round(self) -> bool:
+        """Whether the last beam is the first one's neighbour."""
+        return self.field_of_view_rad >= _TURN_RAD
 
     def clears_m(self) -> float:
         """How far beams without echo clear the map: noise hides echoes from just within the range."""
         return min(self.no_echo_free_m, 0.9 * self.range_max_m)
+
+
+_LATER_FIELDS = ("field_of_view_rad", "turn_hz", "normals_to_m")
+"""Of a lidar; shards made before there were these are as those with their defaults."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Lidar:
+    """A lidar by its data sheet, to be put on any robot; fields as of `LidarSpec`."""
+
+    beams: int
+    field_of_view_rad: float
+    turn_hz: float
+    rate_hz: float
+    range_min_m: float
+    range_max_m: float
+    no_echo_free_m: float
+    normals_to_m: float
+    noise: LidarNoise
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -138,7 +174,9 @@ class RobotSpec:
         for name, value in _numbers(asdict(self)):
             if name.endswith(_POSITIVE) and not value > 0.0:
                 raise ConfigError(f"robot {self.name}: {name} is {value}; must be positive")
-        require_within(self.lidar, beams=(0, 100_000))
+        require_within(
+            self.lidar, beams=(0, 100_000), field_of_view_rad=(0.1, _TURN_RAD), normals_to_m=(0, 100)
+        )
         require_within(self.camera, width_px=(1, 20_000), height_px=(1, 20_000))
         lidar, chassis = self.lidar, self.chassis
         if not chassis.bottom_z_m < chassis.top_z_m <= self.size_m[2]:
@@ -166,10 +204,27 @@ class RobotSpec:
                 f"robot {self.name}: lidar.rate_hz is {lidar.rate_hz}; must divide the controller's "
                 f"{CONTROL_HZ:g} Hz, such as 5 or 10"
             )
+        if lidar.turn_hz is not None and lidar.turn_hz < lidar.rate_hz:
+            raise ConfigError(
+                f"robot {self.name}: lidar.turn_hz is {lidar.turn_hz}; must be at least lidar.rate_hz, "
+                f"{lidar.rate_hz}, the number of sweeps that are used"
+            )
         if 2 * self.wheels.mass_kg >= self.mass_kg:
             raise ConfigError(
                 f"robot {self.name}: two wheels of {self.wheels.mass_kg} kg are not part of {self.mass_kg} kg"
             )
+
+    def parameters(self) -> dict[str, Any]:
+        """The robot as a shard depends on it: nested mappings of numbers."""
+        values = asdict(self)
+        defaults = {f.name: f.default for f in fields(LidarSpec) if f.name in _LATER_FIELDS}
+        values["lidar"] = {k: v for k, v in values["lidar"].items() if defaults.get(k, ...) != v}
+        return values
+
+    def with_lidar(self, lidar: Lidar) -> RobotSpec:
+        """The robot with another lidar in the place of its own."""
+        new = {f.name: getattr(lidar, f.name) for f in fields(Lidar)}
+        return replace(self, lidar=replace(self.lidar, **new))
 
     def circle_at(self, height_m: float) -> tuple[float, float] | None:
         """x and radius [m] of the circle that a level scan at this height meets; None if it passes over."""
@@ -215,5 +270,7 @@ def noisy_ranges(ranges_m: Array, spec: LidarSpec, *, rng: np.random.Generator) 
 
 
 def beam_bearings(spec: LidarSpec) -> Array:
-    """(B,) [rad] counter-clockwise from straight ahead."""
-    return np.arange(spec.beams, dtype=np.float64) * (2.0 * math.pi / spec.beams)
+    """(B,) [rad] counter-clockwise: from straight ahead, or from the right end of the field of view."""
+    if spec.sees_all_round():
+        return np.arange(spec.beams, dtype=np.float64) * (_TURN_RAD / spec.beams)
+    return spec.step_rad() * (np.arange(spec.beams, dtype=np.float64) - 0.5 * (spec.beams - 1))

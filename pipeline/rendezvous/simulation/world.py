@@ -37,8 +37,16 @@ _ROBOT_RGBA = ("0.10 0.35 0.75 1", "0.80 0.20 0.15 1")
 # with the walls in one body, only shells are checked against them.
 _SCENE_MASK = 'contype="1" conaffinity="2"'
 _FLOOR_MASK = 'contype="4" conaffinity="4"'
-_BODY_MASK = 'contype="2" conaffinity="3"'
 _WHEEL_MASK = 'contype="4" conaffinity="4"'
+
+
+def collision_masks(only_for: int | None) -> tuple[int, int]:
+    """contype and conaffinity of a solid: of all robots' world, or of that of one robot alone."""
+    return (1, 2) if only_for is None else (8 << only_for, 0)
+
+
+def _shell_mask(robot: int, *, own_worlds: bool) -> str:
+    return f'contype="2" conaffinity="{3 | (8 << robot if own_worlds else 0)}"'
 
 
 def scene_mjcf(
@@ -48,18 +56,25 @@ def scene_mjcf(
     *,
     drive: Drive = Drive.WHEELS,
     slots: int = 0,
+    own_worlds: bool = False,
 ) -> str:
     """A standalone MJCF of the scene with the robots in it.
 
     Bodies are named `r0`, `r1`, ... and start at the robots' poses in w; `slots` geoms named `slot0`,
-    `slot1`, ... lie far below the floor, to be filled with solids later.
+    `slot1`, ... lie far below the floor, to be filled with solids later; with `own_worlds` a slot may hold
+    what only one of the robots runs into, see `collision_masks`.
     """
+    # The body of the slots has the bits of all of them from the start.
+    slot_mask = f' contype="{1 | 8 | 16}" conaffinity="2"' if own_worlds else ""
     geoms = "\n".join(
         [_solid_geom(solid) for solid in solids]
-        + [f'    <geom name="slot{i}" type="box" size="1 1 1" pos="0 0 {SLOT_Z_M}"/>' for i in range(slots)]
+        + [
+            f'    <geom name="slot{i}" type="box" size="1 1 1" pos="0 0 {SLOT_Z_M}"{slot_mask}/>'
+            for i in range(slots)
+        ]
     )
     bodies = "\n".join(
-        _robot_body(f"r{i}", spec, T_w_r, _ROBOT_RGBA[i % 2], drive)
+        _robot_body(f"r{i}", spec, T_w_r, _ROBOT_RGBA[i % 2], drive, _shell_mask(i, own_worlds=own_worlds))
         for i, (spec, T_w_r) in enumerate(zip(robots, starts, strict=True))
     )
     actuators = "\n".join(_actuators(f"r{i}", spec, drive) for i, spec in enumerate(robots))
@@ -101,7 +116,7 @@ def _solid_geom(solid: Solid) -> str:
     return f'    <geom {form} pos="{pos}" rgba="{rgba}"/>'
 
 
-def _robot_body(name: str, spec: RobotSpec, T_w_r: SE2, rgba: str, drive: Drive) -> str:
+def _robot_body(name: str, spec: RobotSpec, T_w_r: SE2, rgba: str, drive: Drive, mask: str) -> str:
     """The robot's body at its start; the frame of the body is r."""
     pose = (
         f'pos="{T_w_r.x_m:.9g} {T_w_r.y_m:.9g} 0" '
@@ -122,7 +137,7 @@ def _robot_body(name: str, spec: RobotSpec, T_w_r: SE2, rgba: str, drive: Drive)
         contype="0" conaffinity="0" pos="{spec.lidar.x_m} 0 {chassis.top_z_m + lidar_half_m:.6g}"/>
       <camera name="{name}_camera" {_camera_pose(spec)}
         fovy="{math.degrees(2 * math.atan(0.5 * camera.height_px / camera.fy_px)):.6g}"/>
-{_shell(name, spec, rgba)}{moving}    </body>"""
+{_shell(name, spec, rgba, mask)}{moving}    </body>"""
 
 
 def _camera_pose(spec: RobotSpec) -> str:
@@ -141,20 +156,20 @@ def _cylinder_inertia(mass_kg: float, radius_m: float, height_m: float) -> str:
     return f"{across:.6g} {across:.6g} {0.5 * mass_kg * radius_m**2:.6g}"
 
 
-def _shell(name: str, spec: RobotSpec, rgba: str) -> str:
+def _shell(name: str, spec: RobotSpec, rgba: str, mask: str) -> str:
     """The parts that bump into things, as a body of their own: the chassis, and fenders for the wheels."""
     chassis, wheels = spec.chassis, spec.wheels
     half_m = 0.5 * (chassis.top_z_m - chassis.bottom_z_m)
     fenders = "".join(
         f'        <geom type="box" size="{wheels.radius_m} {0.5 * wheels.width_m} {0.5 * wheels.radius_m}" '
         f'pos="0 {sign * 0.5 * wheels.track_m:.6g} {1.5 * wheels.radius_m:.6g}" mass="0" friction="0.3" '
-        f'{_BODY_MASK} rgba="0 0 0 0"/>\n'
+        f'{mask} rgba="0 0 0 0"/>\n'
         for sign in (1.0, -1.0)
     )
     return (
         f'      <body name="{name}_shell">\n'
         f'        <geom type="cylinder" size="{chassis.radius_m} {half_m:.6g}" rgba="{rgba}" mass="0" '
-        f'friction="0.3" {_BODY_MASK} pos="{chassis.centre_x_m} 0 {chassis.bottom_z_m + half_m:.6g}"/>\n'
+        f'friction="0.3" {mask} pos="{chassis.centre_x_m} 0 {chassis.bottom_z_m + half_m:.6g}"/>\n'
         f"{fenders}      </body>\n"
     )
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,8 @@ from rendezvous.slam.scan_match import MatchParameters, match_scan, scan_normals
 from rendezvous.slam.surface_map import SurfaceMap
 
 MOST_CELLS = 8000  # cells per side of the largest map
+_BEAMS_ABOUT = 1.75  # beams within a normal's radius on either side: with the point's own at least four
+_WIDEST_NORMAL_M = 0.8
 _LEAST_SIGMA_M = 1e-3  # a surface seen by an ideal lidar still has a weight
 
 
@@ -39,6 +41,12 @@ class SlamParameters:
                 f"{self.mapping.resolution_m} makes {cells:.0f} cells a side; at most {MOST_CELLS}"
             )
 
+    def with_normals(self, step_rad: float, *, to_m: float) -> SlamParameters:
+        """The parameters under which also walls at `to_m`, met by beams this far apart, have normals."""
+        radius_m = min(_BEAMS_ABOUT * step_rad * to_m, _WIDEST_NORMAL_M)
+        radius_m = max(self.match.normal_radius_m, radius_m)
+        return replace(self, match=replace(self.match, normal_radius_m=radius_m))
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sweep:
@@ -46,6 +54,18 @@ class Sweep:
 
     ranges_m: Array  # (B,) inf for no echo, NaN for no measurement
     odometry: Array  # (K, 3) odometry poses evenly spaced over the sweep, first at its start, last at its end
+
+
+def last_part(knots: Array, ticks: float) -> Array:
+    """(L, 3) poses evenly spaced over the last ticks of (K, 3), each a tick after the one before it.
+
+    Knots over as many ticks, or fewer, come back as they are.
+    """
+    last = len(knots) - 1
+    if ticks > last - 1e-9:
+        return knots
+    at = np.linspace(last - ticks, last, max(math.ceil(ticks), 1) + 1)
+    return np.stack([np.interp(at, np.arange(last + 1), column) for column in knots.T], axis=1)
 
 
 @njit

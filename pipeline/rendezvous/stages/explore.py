@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from functools import partial
 from typing import Any
@@ -13,7 +13,7 @@ import numpy as np
 from rendezvous.config.sections import ExploreSection
 from rendezvous.engine.run import Run
 from rendezvous.errors import FloorplanError
-from rendezvous.exploration.episode import furnished, in_the_way, run_episode
+from rendezvous.exploration.episode import Surroundings, furnished, in_the_way, run_episode
 from rendezvous.exploration.records import Episode
 from rendezvous.exploration.starts import draw_starts
 from rendezvous.floorplan.furnish import furnish
@@ -21,10 +21,11 @@ from rendezvous.floorplan.records import Floorplan, Solid
 from rendezvous.floorplan.validate import start_regions
 from rendezvous.geometry.se2 import Array
 from rendezvous.plan_schema import PLAN_COLUMNS, plan_of, solid_rows, solids_of
-from rendezvous.robot_file import load_robot
+from rendezvous.robot_file import load_lidar, load_robot
 from rendezvous.schema import EXPLORE
 from rendezvous.seeds import stream
-from rendezvous.simulation.robot import RobotSpec
+from rendezvous.simulation.robot import Lidar, RobotSpec
+from rendezvous.stages.dataset.episode_draws import changed_after, draw_change, draw_lidars, in_words
 from rendezvous.stages.dataset.item_tasks import item_tasks
 from rendezvous.stages.dataset.sightings import EpisodeScene, sighting_rows
 from rendezvous.store.read import Item, StageReader, chunks
@@ -43,20 +44,34 @@ def explore(run: Run) -> Manifest:
     """
     section, seed = run.config.explore, run.config.seed
     robot = load_robot(section.robot)
+    lidars = {name: load_lidar(name) for name in section.lidar}
+    for lidar in lidars.values():
+        robot.with_lidar(lidar)  # says what is wrong with it, if anything
     meshes = run.read("meshes")
     batches = list(chunks(meshes.items(), section.plans_per_shard))
     tasks = item_tasks(
         batches,
-        partial(explored_plans, meshes, section, robot, seed),
+        partial(explored_plans, meshes, section, robot, lidars, seed),
         table=EXPLORE,
-        parameters=section.parameters(exclude={"plans_per_shard", "robot"})
-        | {"explore.robot": asdict(robot)},
+        parameters=_parameters(section, robot, lidars),
         seed=seed,
         version=VERSION,
     )
     manifest = run.build("explore", tasks, layout=LAYOUT, total=len(batches))
     _report_left_out(run, manifest)
     return manifest
+
+
+def _parameters(section: ExploreSection, robot: RobotSpec, lidars: Mapping[str, Lidar]) -> dict[str, Any]:
+    """What a shard depends on; nothing more than before there was a choice where none is made."""
+    left_out = {"plans_per_shard", "robot", "lidar"}
+    if section.changed_share == 0.0:
+        left_out |= {"changed_share", "changed_furniture"}
+    drawn = {
+        f"explore.lidar.{name}": {"weight": section.lidar[name], **asdict(lidar)}
+        for name, lidar in lidars.items()
+    }
+    return section.parameters(exclude=left_out) | {"explore.robot": robot.parameters()} | drawn
 
 
 def _report_left_out(run: Run, manifest: Manifest) -> None:
@@ -70,7 +85,12 @@ def _report_left_out(run: Run, manifest: Manifest) -> None:
 
 
 def explored_plans(
-    meshes: StageReader, section: ExploreSection, robot: RobotSpec, seed: int, items: Sequence[Item]
+    meshes: StageReader,
+    section: ExploreSection,
+    robot: RobotSpec,
+    lidars: Mapping[str, Lidar],
+    seed: int,
+    items: Sequence[Item],
 ) -> Shard:
     """The sightings of some plans' episodes; an episode that cannot be run is quarantined."""
     rows: list[dict[str, Any]] = []
@@ -83,7 +103,7 @@ def explored_plans(
         for number in range(section.episodes_per_plan):
             episode_id = f"{plan.plan_id}-e{number:03d}"
             try:
-                scene, episode = _run(plan, walls, section, robot, seed, number)
+                scene, episode = _run(plan, walls, section, robot, lidars, seed, number)
             except (FloorplanError, FloatingPointError) as error:
                 counts["episodes_left_out"] += 1
                 quarantined.append(Quarantined(item_id=episode_id, reason=str(error)))
@@ -99,7 +119,13 @@ def explored_plans(
 
 
 def _run(
-    plan: Floorplan, walls: Sequence[Solid], section: ExploreSection, robot: RobotSpec, seed: int, number: int
+    plan: Floorplan,
+    walls: Sequence[Solid],
+    section: ExploreSection,
+    robot: RobotSpec,
+    lidars: Mapping[str, Lidar],
+    seed: int,
+    number: int,
 ) -> tuple[EpisodeScene, Episode]:
     """Furnish the plan, place the robots and let them explore; each step draws from its own stream."""
     key = ("explore", plan.plan_id, number)
@@ -109,30 +135,40 @@ def _run(
         density=section.furniture_density,
         robot_radius_m=robot.radius_m,
     )
+    carried = draw_lidars(section.lidar, rng=stream(seed, *key, "lidars"))
+    first, second = (robot if name is None else robot.with_lidar(lidars[name]) for name in carried)
+    changed = draw_change(section, rng=stream(seed, *key, "changed"))
     surroundings = furnished(plan, walls, furniture, robot)
+    worlds, furnitures = (surroundings, surroundings), (furniture, furniture)
+    if changed is not None:
+        furnitures = (furniture, changed_after(plan, section, robot, seed, key, changed))
+        worlds = (surroundings, furnished(plan, walls, furnitures[1], robot))
     starts = draw_starts(
         plan,
         start_regions(plan, robot_radius_m=robot.radius_m),
-        in_the_way(furniture, robot),
+        in_the_way(tuple(dict.fromkeys(furnitures[0] + furnitures[1])), robot),
         surroundings.lidar_scene,
         clearance_m=robot.radius_m + section.start_margin_m,
         passage_m=robot.radius_m + section.episode.explorer.hard_margin_m,
         least_distance_m=section.start_distance_m,
         rng=stream(seed, *key, "starts"),
     )
-    episode = run_episode(
-        surroundings, (robot, robot), starts, section.episode, rng=stream(seed, *key, "episode")
-    )
+    episode = run_episode(worlds, (first, second), starts, section.episode, rng=stream(seed, *key, "episode"))
     scene = EpisodeScene(
         plan=plan,
-        furniture=solid_rows(furniture),
+        furniture=(solid_rows(furnitures[0]), solid_rows(furnitures[1])),
         density=section.furniture_density,
-        lidar_segments_m=_outline(surroundings.lidar_scene.segments_m, surroundings.lidar_scene.circles_m),
+        lidar_segments_m=(_seen(worlds[0]), _seen(worlds[1])),
         starts=starts,
         robot=robot,
         drive=str(section.episode.drive),
+        drawn=in_words(carried, changed),
     )
     return scene, episode
+
+
+def _seen(surroundings: Surroundings) -> Array:
+    return _outline(surroundings.lidar_scene.segments_m, surroundings.lidar_scene.circles_m)
 
 
 def _outline(segments_m: Array, circles_m: Array) -> Array:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict
 from functools import partial
 from typing import Any
 
@@ -41,7 +40,8 @@ def meshes(run: Run) -> Manifest:
         batches,
         partial(raised_plans, plans, section, robot, seed),
         table=MESHES,
-        parameters=section.parameters(exclude={"plans_per_shard", "robot"}) | {"meshes.robot": asdict(robot)},
+        parameters=section.parameters(exclude={"plans_per_shard", "robot"})
+        | {"meshes.robot": robot.parameters()},
         seed=seed,
         version=VERSION,
     )

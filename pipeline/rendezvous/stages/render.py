@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterator
-from dataclasses import asdict
 from functools import partial
 from typing import Any
 
@@ -43,7 +42,7 @@ def render(run: Run) -> Manifest:
     _check_same_robot(explore, spec)
     photos = photo_folder(section.backgrounds)
     job = RenderJob(seed=run.config.seed, robot=robot, section=section, photos=photos)
-    shared = {"render.robot": asdict(spec), "render.robot.model": hashlib.sha256(model).hexdigest()}
+    shared = {"render.robot": spec.parameters(), "render.robot.model": hashlib.sha256(model).hexdigest()}
     tasks = [
         *(_view_tasks(job, meshes, explore, shared) if section.views else ()),
         *(_pose_tasks(job, meshes, shared) if section.poses_per_plan else ()),
@@ -76,7 +75,7 @@ def check_pictures(run: Run) -> None:
 
 
 def _check_same_robot(explore: StageReader, robot: RobotSpec) -> None:
-    wanted = Inputs(parameters={"explore.robot": asdict(robot)}, items={}).parameters
+    wanted = Inputs(parameters={"explore.robot": robot.parameters()}, items={}).parameters
     for shard in explore.shards():
         used = shard.inputs.parameters
         differing = [key for key, value in wanted.items() if used.get(key) != value]

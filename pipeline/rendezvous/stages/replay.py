@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 
@@ -40,7 +39,7 @@ def replay(run: Run) -> Manifest:
     robot = load_robot(section.robot)
     logs = _known(section)
     splits = _splits(section, logs)
-    parameters = section.parameters(exclude=_NOT_IN_ROWS) | {"replay.robot": asdict(robot)}
+    parameters = section.parameters(exclude=_NOT_IN_ROWS) | {"replay.robot": robot.parameters()}
     tasks = [
         Task(
             name=f"pairs/{split}-{number:05d}-of-{len(of_split):05d}.parquet",

@@ -75,9 +75,12 @@ def views(
     rows = []
     sightings = explore.rows(items, columns=_SIGHTING)
     for (plan_id, episode_id), group in groupby(sightings, key=itemgetter("plan_id", "episode_id")):
-        first, *others = group
-        rooms = _rooms(job, plans[plan_id], first["furniture"], episode_id)
-        for sighting in (first, *others):
+        furniture: Any = None
+        for sighting in group:
+            # The other robot's world may be another one.
+            if sighting["furniture"] != furniture:
+                furniture = sighting["furniture"]
+                rooms = _rooms(job, plans[plan_id], furniture, episode_id)
             view = _image_row(job, _drawn_view(job, rooms, sighting), {})
             rows.append({"pair_id": sighting["pair_id"], "plan_id": plan_id} | view)
     counts = {"views": len(rows), "views_half_visible": sum(row["visibility"] >= 0.5 for row in rows)}

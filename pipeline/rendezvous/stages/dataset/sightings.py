@@ -21,12 +21,14 @@ class EpisodeScene:
     """The place of an episode, and its robots."""
 
     plan: Floorplan
-    furniture: Sequence[Mapping[str, Any]]  # rows of `SOLIDS_TYPE`
+    # furniture, lidar_segments_m: each robot's world, which may be the same or differ.
+    furniture: tuple[Sequence[Mapping[str, Any]], Sequence[Mapping[str, Any]]]  # rows of `SOLIDS_TYPE`
     density: float
-    lidar_segments_m: Array  # (E, 4) the outlines in w of all that the lidar sees
+    lidar_segments_m: tuple[Array, Array]  # (E, 4) the outlines in w of all that the lidar sees
     starts: tuple[SE2, SE2]  # the true start poses, which are the map frames
     robot: RobotSpec
     drive: str
+    drawn: str = ""  # what was drawn for the episode, as `episode_id` has it after its name
 
 
 def sighting_rows(
@@ -42,7 +44,7 @@ def sighting_rows(
             yield {
                 "pair_id": f"{event_id}-{observer}",
                 "event_id": event_id,
-                "episode_id": episode_id,
+                "episode_id": f"{episode_id}{scene.drawn}",
                 "observer": observer,
                 "plan_id": scene.plan.plan_id,
                 "plan_digest": scene.plan.digest(),
@@ -50,7 +52,7 @@ def sighting_rows(
                 "t_s": event.t_s,
                 "drive": scene.drive,
                 "furniture_density": scene.density,
-                "furniture": scene.furniture,
+                "furniture": scene.furniture[observer],
                 **seen_columns(sighting, scene.robot, scene.robot.camera.T_r_c()),
                 **pair_columns(scene.starts, event, observer, ghosts),
             }
@@ -59,10 +61,10 @@ def sighting_rows(
 def _ghosts(scene: EpisodeScene, event: Rendezvous) -> list[int]:
     """Number of cells in each robot's map that the other robot left."""
     masks = [
-        ghost_cells(
-            own.grid, own.T_w_r @ own.T_m_r.inverse(), scene.lidar_segments_m, other.trajectory_w[:, 1:3]
+        ghost_cells(own.grid, own.T_w_r @ own.T_m_r.inverse(), segments_m, other.trajectory_w[:, 1:3])
+        for own, other, segments_m in zip(
+            event.snapshots, event.snapshots[::-1], scene.lidar_segments_m, strict=True
         )
-        for own, other in (event.snapshots, event.snapshots[::-1])
     ]
     return [int(mask.sum()) for mask in masks]
 
