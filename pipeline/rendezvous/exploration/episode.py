@@ -208,7 +208,7 @@ class _Exploration:
         if any(r.travelled_m < m for r, m in zip(self._robots, self._next_event_m, strict=True)):
             return None
         first, second = self._robots
-        views = (self._sight(first, second, 0), self._sight(second, first, 1))
+        views = (self._sight(first, second), self._sight(second, first))
         if views == (None, None):
             return None
         least_m2 = self._p.least_explored_m2
@@ -216,8 +216,9 @@ class _Exploration:
             return None
         return views
 
-    def _sight(self, observer: _Robot, seen: _Robot, world: int) -> Sighting | None:
+    def _sight(self, observer: _Robot, seen: _Robot) -> Sighting | None:
         p = self._p.sighting
+        world = self._robots.index(observer)
         if _stands_in(seen, self._own_solids[world]):
             return None
         view = sight(
