@@ -21,6 +21,7 @@ KINDS = {
     "apartment": GeneratorParameters(apartment=1.0, office=0.0, hall=0.0),
     "office": GeneratorParameters(apartment=0.0, office=1.0, hall=0.0),
     "hall": GeneratorParameters(apartment=0.0, office=0.0, hall=1.0),
+    "large_hall": GeneratorParameters(apartment=0.0, office=0.0, hall=0.0, large_hall=1.0),
 }
 
 
@@ -49,9 +50,34 @@ def test_generated_plans_are_valid_and_all_rooms_are_reached(kind: str):
 
 def test_kinds_differ_as_their_names_say():
     area_m2 = {kind: np.median([p.free_space().area for p in plans_of(kind, 24)[:15]]) for kind in KINDS}
-    assert area_m2["apartment"] < area_m2["office"] < area_m2["hall"]
+    assert area_m2["apartment"] < area_m2["office"] < area_m2["hall"] < area_m2["large_hall"]
     assert all(p.rooms[0].category == "Corridor" for p in plans_of("office", 24)[:5])
     assert all(p.rooms[0].category == "Hall" and p.holes_m for p in plans_of("hall", 24)[:5])
+
+
+def test_large_halls_are_wide_and_hold_rows_of_the_same():
+    plans = plans_of("large_hall", 24)
+    sides_m = np.array([np.ptp(plan.outline_m, axis=0).max() for plan in plans])
+    assert sides_m.min() > 13.0
+    assert np.quantile(sides_m, 0.9) > 22.0
+    assert sides_m.max() < 33.0
+    alike = []
+    for plan in plans:
+        assert plan.rooms[0].category == "Large_Hall"
+        # The perimeter tells one kind of thing from another.
+        lengths_m = [round(shapely.Polygon(hole).length, 2) for hole in plan.holes_m]
+        alike.append(max(lengths_m.count(length_m) for length_m in lengths_m))
+    assert np.median(alike) >= 6
+
+
+def test_a_kind_of_weight_zero_changes_no_draw():
+    without = GeneratorParameters(apartment=0.3, office=0.3, hall=0.4)
+    assert list(without.weights().values()) == [0.3, 0.3, 0.4, 0.0]
+    p = np.array([0.3, 0.3, 0.4])
+    for seed in range(50):
+        rng_3, rng_4 = np.random.default_rng(seed), np.random.default_rng(seed)
+        assert rng_3.choice(3, p=p) == rng_4.choice(4, p=[*p, 0.0])
+        assert rng_3.random() == rng_4.random()
 
 
 def test_the_collection_is_varied():

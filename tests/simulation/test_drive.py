@@ -160,6 +160,45 @@ def test_having_only_near_solids_in_the_scene_changes_nothing() -> None:
     assert 50 < bumps < 1150
 
 
+@pytest.mark.parametrize("drive", list(Drive))
+def test_each_robot_runs_into_its_own_world_alone(drive: Drive) -> None:
+    """Abreast towards three walls: one of the first robot's, one of the second's, one of both."""
+    walls = [wall(0.5, -2.0, 0.5, 2.0), wall(1.0, -2.0, 1.0, 2.0), wall(1.5, -2.0, 1.5, 2.0)]
+    specs = [burger(), burger()]
+    starts = (SE2(0.0, 0.5, 0.0), SE2(0.0, -0.5, 0.0))
+    for only_for, stops_m in (
+        ((0, 1, None), (0.5, 1.0)),
+        ((1, None, 0), (1.0, 0.5)),
+        ((1, 1, None), (1.5, 0.5)),
+    ):
+        world = Physics(
+            walls,
+            specs,
+            starts,
+            drive=drive,
+            planar_slip=0.0,
+            rng=np.random.default_rng(0),
+            only_for=only_for,
+        )
+        reached_m = driven(world, (0.2, 0.0), 9.0)[:, 0]
+        front_m = burger().chassis.centre_x_m + burger().chassis.radius_m
+        assert reached_m == approx(np.array(stops_m) - 0.01 - front_m, abs=0.02)
+
+
+def test_robots_of_different_worlds_block_each_other() -> None:
+    world = Physics(
+        [wall(5.0, 0.0, 6.0, 0.0)],
+        [burger(), burger()],
+        (SE2(0.0, 0.0, 0.0), SE2(0.5, 0.0, math.pi)),
+        drive=Drive.WHEELS,
+        planar_slip=0.0,
+        rng=np.random.default_rng(0),
+        only_for=(0,),
+    )
+    first, second = driven(world, (0.1, 0.0), 5.0)
+    assert second[0] - first[0] > 0.06
+
+
 def test_no_solid_within_reach_is_left_out() -> None:
     rng = np.random.default_rng(0)
     solids = [wall(*rng.uniform(-3.0, 3.0, 4)) for _ in range(20)] + [

@@ -15,7 +15,7 @@ from rendezvous.simulation.rays import cast_rays, ray_scene
 from rendezvous.simulation.robot import beam_bearings
 from rendezvous.slam.mapping import MappingParameters, OccupancyMapper
 from rendezvous.slam.scan_match import MatchParameters, _add_point_terms, match_scan, scan_normals
-from rendezvous.slam.slam import Slam, SlamParameters, Sweep, compose, deskew, open_space, relative
+from rendezvous.slam.slam import Slam, SlamParameters, Sweep, compose, deskew, last_part, open_space, relative
 from rendezvous.slam.surface_map import SurfaceMap
 from tests.simulation.scenes import burger, room_segments
 
@@ -411,3 +411,22 @@ def test_points_add_the_normal_equations_of_their_distances_from_lines() -> None
     _add_point_terms(points, sigma_m, matched, elements, pose, H, g)
     np.testing.assert_allclose(H, np.eye(3) + J.T @ (w[:, None] * J), rtol=1e-6)
     np.testing.assert_allclose(g, 1.0 + J.T @ (w * r), rtol=1e-6)
+
+
+def test_the_last_part_of_a_path_is_evenly_spaced_up_to_its_end() -> None:
+    knots = np.array([[0.0, 0.0, 0.0], [1.0, 2.0, 0.5], [2.0, 4.0, 1.0], [4.0, 4.0, 1.0]])
+    np.testing.assert_array_equal(last_part(knots, 3.0), knots)
+    np.testing.assert_array_equal(last_part(knots, 7.0), knots)
+    np.testing.assert_allclose(last_part(knots, 2.0), knots[1:])
+    np.testing.assert_allclose(last_part(knots, 0.25), [[3.5, 4.0, 1.0], [4.0, 4.0, 1.0]])
+    np.testing.assert_allclose(last_part(knots, 1.5), [[1.5, 3.0, 0.75], [2.5, 4.0, 1.0], [4.0, 4.0, 1.0]])
+
+
+def test_normals_reach_as_far_as_is_asked_and_no_less_than_before() -> None:
+    parameters = SlamParameters()
+    step_rad = math.radians(1.0)
+    assert parameters.with_normals(step_rad, to_m=0.0) == parameters
+    assert parameters.with_normals(step_rad, to_m=20.0).match.normal_radius_m == approx(
+        1.75 * step_rad * 20.0
+    )
+    assert parameters.with_normals(step_rad, to_m=100.0).match.normal_radius_m == 0.8

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import re
 from copy import deepcopy
 from importlib import import_module
 from pathlib import Path
@@ -8,14 +9,16 @@ import numpy as np
 import pytest
 
 from rendezvous.engine.run import Run
-from rendezvous.errors import FloorplanError
+from rendezvous.errors import ConfigError, FloorplanError
 from rendezvous.exploration.records import Episode
 from rendezvous.exploration.starts import draw_starts
 from rendezvous.floorplan.furnish import furnish
 from rendezvous.geometry.se2 import SE2
+from rendezvous.plan_schema import plan_of, solids_of
 from rendezvous.robot_file import ROBOTS, load_robot
 from rendezvous.schema import EXPLORE
 from rendezvous.seeds import stream
+from rendezvous.stages.dataset.episode_draws import draw_lidars
 from rendezvous.stages.explore import explore
 from rendezvous.stages.floorplans import floorplans
 from rendezvous.stages.meshes import meshes
@@ -157,3 +160,72 @@ def test_a_cylinder_is_an_octagon_in_what_the_lidar_sees() -> None:
     np.testing.assert_allclose(outline_m[1:9, :2], corners_m)
     np.testing.assert_allclose(outline_m[1:9, 2:], np.roll(corners_m, -1, axis=0))
     np.testing.assert_allclose(np.hypot(*(outline_m[9:, :2] - [3.0, 1.0]).T), 0.1)
+
+
+def test_without_a_choice_a_shard_depends_on_nothing_new(explored: Run) -> None:
+    """Shards of earlier versions are kept."""
+    (shard,) = explored.read("explore").shards()
+    new = ("explore.lidar", "explore.changed", "explore.robot.lidar.field", "explore.robot.lidar.turn")
+    assert [key for key in shard.inputs.parameters if key.startswith(new)] == []
+    assert {row["episode_id"] for row in explored.read("explore").rows()} <= {"rdv-008-e000", "rdv-008-e001"}
+
+
+def test_lidars_and_changed_scenes_are_drawn_and_named_in_the_rows(make_run: MakeRun) -> None:
+    run = prepared(
+        make_run,
+        "explore.lidar={hokuyo-ust-10lx: 1, sick-lms: 3}",
+        "explore.changed_share=1",
+        "explore.episode.drive=planar",
+        "explore.episode.sighting.max_range_m=8",
+    )
+    explore(run)
+    (shard,) = run.read("explore").shards()
+    assert shard.inputs.parameters["explore.lidar.sick-lms.weight"] == 3.0
+    assert shard.inputs.parameters["explore.lidar.sick-lms.noise.step_m"] == 0.01
+    rows = list(run.read("explore").rows())
+    assert rows
+    for row in rows:
+        said = re.fullmatch(r"rdv-008-e00(\d) lidars=(\S+),(\S+) changed=(0\.\d\d)", row["episode_id"])
+        assert said, row["episode_id"]
+        assert {said[2], said[3]} <= {"hokuyo-ust-10lx", "sick-lms"}
+        assert 0.3 <= float(said[4]) <= 0.6
+        key = ("explore", "rdv-008", int(said[1]))
+        assert draw_lidars(run.config.explore.lidar, rng=stream(0, *key, "lidars")) == (said[2], said[3])
+        plan = next(plan_of(row) for row in run.read("meshes").rows())
+        before = furnish(
+            plan, stream(0, *key, "furniture"), density=1.0, robot_radius_m=load_robot("burger").radius_m
+        )
+        kept = [solid for solid in solids_of(row["furniture"]) if solid in set(before)]
+        if row["observer"] == 0:
+            assert tuple(solids_of(row["furniture"])) == before
+        else:
+            assert 0.3 * len(before) < len(kept) < 0.8 * len(before)
+
+
+def test_lidars_are_drawn_by_their_weights_and_half_of_the_time_as_one() -> None:
+    drawn = [draw_lidars({"a": 1.0, "b": 3.0, "c": 0.0}, rng=stream(0, "draw", k)) for k in range(2000)]
+    assert {name for pair in drawn for name in pair} == {"a", "b"}
+    assert np.mean([first == "a" for first, _ in drawn]) == pytest.approx(0.25, abs=0.04)
+    assert np.mean([second == "a" for _, second in drawn]) == pytest.approx(0.25, abs=0.04)
+    # Alike: half of them, and of the others those that drew the same, 1/16 and 9/16.
+    assert np.mean([first == second for first, second in drawn]) == pytest.approx(0.5 + 0.5 * 0.625, abs=0.04)
+    assert draw_lidars({}, rng=stream(0, "draw")) == (None, None)
+
+
+@pytest.mark.parametrize(
+    ("override", "message"),
+    [
+        ("explore.lidar=sick", r"\Alidar 'sick': no file .*; known lidars are hokuyo-ust-10lx, .*\Z"),
+        ("explore.lidar={sick-lms: 0}", r"explore\.lidar: all weights are 0; one must be above\Z"),
+        (
+            "explore.lidar={sick-lms: -1}",
+            r"explore\.lidar\.sick-lms is -1.*must be greater than or equal to 0\Z",
+        ),
+        ("explore.lidar=[sick-lms]", r"explore\.lidar is \['sick-lms'\]; must be .*\Z"),
+        ("explore.changed_share=1.5", r"explore\.changed_share is 1\.5; must be less than or equal to 1\Z"),
+        ("explore.changed_furniture=[0.6, 0.3]", r"changed_furniture is \[0\.6, 0\.3\]; must be two rising"),
+    ],
+)
+def test_a_wrong_choice_is_one_line(make_run: MakeRun, override: str, message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        explore(make_run([*ONE_PLAN, override]))
