@@ -119,6 +119,23 @@ def test_rooms_and_robot_look_alike_in_all_of_an_episode_and_differ_between_epis
     assert len(set.union(*looks.values())) == len(looks) > 1
 
 
+@pytest.mark.slow
+def test_pictures_of_changed_scenes_show_the_observers_furniture(tmp_path: Path) -> None:
+    """What is seen of the other robot is what the sighting says."""
+    changed = (*ONE_PLAN[:2], "explore.episodes_per_plan=6", "explore.episode.max_time_s=90")
+    settings = ("explore.changed_share=1", "explore.episode.drive=planar", "render.poses_per_plan=0")
+    run = run_in(str(tmp_path), (*changed, *settings))
+    for stage in (floorplans, meshes, explore, render):
+        stage(run)
+    sightings = {row["pair_id"]: row for row in _rows(run.read("explore"), EXPLORE)}
+    views = {row["pair_id"]: row for row in _rows(run.read("render"), VIEWS, "views/")}
+    assert {row["observer"] for row in sightings.values()} == {0, 1}
+    seen = [(row["visible_fraction"], views[pair_id]["visibility"]) for pair_id, row in sightings.items()]
+    assert len(seen) >= 5
+    assert all(visibility > 0.25 for _, visibility in seen)
+    assert np.mean([abs(fraction - visibility) for fraction, visibility in seen]) < 0.15
+
+
 def test_half_of_the_training_images_are_plausible_with_the_camera_on_a_robot(driven: str) -> None:
     _, _, poses = _tables(driven)
     modes = [row["mode"] for row in poses]

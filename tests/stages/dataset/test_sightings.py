@@ -11,10 +11,12 @@ from rendezvous.exploration.records import Episode, Rendezvous, Snapshot
 from rendezvous.exploration.rendezvous import Sighting
 from rendezvous.geometry.occupancy_grid import FREE, OCCUPIED, OccupancyGrid
 from rendezvous.geometry.se2 import SE2
+from rendezvous.plan_schema import solid_rows
 from rendezvous.robot_file import load_robot
 from rendezvous.schema import EXPLORE
 from rendezvous.stages.dataset.sightings import EpisodeScene, sighting_rows
 from tests.floorplan.plans import TWO_ROOMS, plan_of
+from tests.simulation.scenes import pole
 
 STARTS = (SE2(1.0, 1.0, 0.5), SE2(4.0, 3.0, -1.0))
 TRUE = (SE2(2.0, 1.5, 0.3), SE2(3.0, 2.5, 2.8))
@@ -47,18 +49,18 @@ def _snapshot(i: int, ghosts_w_m: list[tuple[float, float]]) -> Snapshot:
     )
 
 
-def _rows(sightings: tuple[Sighting | None, Sighting | None]) -> list[dict[str, Any]]:
+def _rows(sightings: tuple[Sighting | None, Sighting | None], **of_scene: Any) -> list[dict[str, Any]]:
     """One ghost in robot 0's map, on robot 1's path; none in robot 1's, which has a cell on its own path."""
     snapshots = (_snapshot(0, [(3.1, 2.5)]), _snapshot(1, [(3.1, 2.5)]))
     event = Rendezvous(t_s=7.0, sightings=sightings, snapshots=snapshots)
+    outline_m = np.array([[0.0, 0.0, 5.0, 0.0]])
     scene = EpisodeScene(
         plan=plan_of(TWO_ROOMS),
-        furniture=[],
         density=1.0,
-        lidar_segments_m=np.array([[0.0, 0.0, 5.0, 0.0]]),
         starts=STARTS,
         robot=load_robot("burger"),
         drive="wheels",
+        **({"furniture": ([], []), "lidar_segments_m": (outline_m, outline_m)} | of_scene),
     )
     episode = Episode(events=(event,), simulated_s=9.0, last=snapshots)
     return list(sighting_rows(scene, episode, episode_id="plan-e003", seed=5))
@@ -114,3 +116,19 @@ def test_a_ghost_is_a_cell_on_the_other_robots_path():
     assert (first["ghost_cells_0"], first["ghost_cells_1"]) == (1, 0)
     assert (second["ghost_cells_0"], second["ghost_cells_1"]) == (0, 1)
     assert first["occupied_cells_0"] == first["occupied_cells_1"] == 1
+
+
+def test_a_row_has_its_observers_furniture_and_what_was_drawn():
+    tables = tuple(solid_rows([pole(x_m, 1.0, 0.1)]) for x_m in (1.0, 2.0))
+    rows = _rows(SIGHTINGS, furniture=tables, drawn=" changed=0.50")
+    assert [row["furniture"] for row in rows] == list(tables)
+    assert {row["episode_id"] for row in rows} == {"plan-e003 changed=0.50"}
+    assert {row["event_id"] for row in rows} == {"plan-e003-m0"}
+
+
+def test_what_stands_in_a_robots_own_world_is_no_ghost_in_its_map():
+    ghost_m, afar_m = np.array([[3.0, 2.5, 3.2, 2.5]]), np.array([[0.0, 0.0, 5.0, 0.0]])
+    first, _ = _rows(SIGHTINGS, lidar_segments_m=(ghost_m, afar_m))
+    assert (first["ghost_cells_0"], first["ghost_cells_1"]) == (0, 0)
+    first, _ = _rows(SIGHTINGS, lidar_segments_m=(afar_m, ghost_m))
+    assert (first["ghost_cells_0"], first["ghost_cells_1"]) == (1, 0)
