@@ -9,6 +9,7 @@ import pytest
 import shapely
 
 from rendezvous.errors import FloorplanError
+from rendezvous.floorplan.furnish import furnish
 from rendezvous.floorplan.generate import GeneratorParameters, generate_floorplan, shipped_floorplans
 from rendezvous.floorplan.houseexpo import houseexpo_json, parse_floorplan
 from rendezvous.floorplan.records import Floorplan
@@ -22,6 +23,7 @@ KINDS = {
     "office": GeneratorParameters(apartment=0.0, office=1.0, hall=0.0),
     "hall": GeneratorParameters(apartment=0.0, office=0.0, hall=1.0),
     "large_hall": GeneratorParameters(apartment=0.0, office=0.0, hall=0.0, large_hall=1.0),
+    "warehouse": GeneratorParameters(apartment=0.0, office=0.0, hall=0.0, warehouse=1.0),
 }
 
 
@@ -70,14 +72,23 @@ def test_large_halls_are_wide_and_hold_rows_of_the_same():
     assert np.median(alike) >= 6
 
 
+def test_what_stands_in_a_warehouse_is_furniture():
+    stalls_or_pallets = 0
+    for plan in plans_of("warehouse", 24)[:4]:
+        assert plan.rooms[0].category == "Warehouse"
+        solids = furnish(plan, stream(0, plan.plan_id), density=1.0, robot_radius_m=RADIUS_M)
+        stalls_or_pallets += len({s.item for s in solids if s.category in ("pallet", "stall")})
+    assert stalls_or_pallets > 40
+
+
 def test_a_kind_of_weight_zero_changes_no_draw():
     without = GeneratorParameters(apartment=0.3, office=0.3, hall=0.4)
-    assert list(without.weights().values()) == [0.3, 0.3, 0.4, 0.0]
+    assert list(without.weights().values()) == [0.3, 0.3, 0.4, 0.0, 0.0]
     p = np.array([0.3, 0.3, 0.4])
     for seed in range(50):
-        rng_3, rng_4 = np.random.default_rng(seed), np.random.default_rng(seed)
-        assert rng_3.choice(3, p=p) == rng_4.choice(4, p=[*p, 0.0])
-        assert rng_3.random() == rng_4.random()
+        rng_3, rng_5 = np.random.default_rng(seed), np.random.default_rng(seed)
+        assert rng_3.choice(3, p=p) == rng_5.choice(5, p=[*p, 0.0, 0.0])
+        assert rng_3.random() == rng_5.random()
 
 
 def test_the_collection_is_varied():

@@ -265,6 +265,23 @@ def test_more_generated_plans_leave_the_others_as_they_are(make_run: MakeRun, tm
     assert "1 made, 2 kept" in said(run)
 
 
+def test_kinds_that_came_later_are_in_what_a_shard_depends_on_only_where_they_are_drawn(
+    make_run: MakeRun, tmp_path: Path
+):
+    """So that shards of earlier versions are kept."""
+    for name, more, kinds in (
+        ("plain", (), set()),
+        ("mixed", ("floorplans.generate.plans.warehouse=0.5",), {"warehouse"}),
+    ):
+        generated = ("floorplans.sources=[]", "floorplans.generate.count=2")
+        run = make_run((*generated, *more), data=str(tmp_path / name))
+        floorplans(run)
+        (shard,) = run.read("floorplans").shards()
+        keys = {key.rpartition(".")[2] for key in shard.inputs.parameters}
+        assert keys >= {"apartment", "office", "hall"}
+        assert keys & {"large_hall", "warehouse"} == kinds
+
+
 def test_a_source_more_leaves_the_shards_of_the_others_as_they_are(make_run: MakeRun, tmp_path: Path):
     first = write(tmp_path / "first", a=plan("a"), b=plan("b", width_m=9.0), c=plan("c", width_m=10.0))
     second = write(tmp_path / "second", d=plan("d", width_m=11.0))

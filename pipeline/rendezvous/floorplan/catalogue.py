@@ -223,6 +223,23 @@ def bin_(rng: np.random.Generator) -> Piece:
     return piece_of("bin", parts, at_wall=bool(rng.random() < 0.8))
 
 
+def pallet(rng: np.random.Generator) -> Piece:
+    """One or two loaded pallets side by side."""
+    count, height_m = int(rng.integers(1, 3)), rng.uniform(0.3, 1.6)
+    return piece_of("pallet", [box_part(0.0, 0.0, 1.2, 0.8 * count, 0.0, height_m)], at_wall=False)
+
+
+def stall(rng: np.random.Generator) -> Piece:
+    """A booth of partitions, open in front, some with a counter behind the opening."""
+    width_m, depth_m, height_m = rng.uniform(1.8, 3.2), rng.uniform(1.4, 2.4), rng.uniform(1.4, 2.2)
+    x, y = 0.5 * width_m, 0.5 * depth_m
+    parts = [box_part(0.0, -y, width_m, 0.05, 0.0, height_m)]
+    parts += [box_part(sx * x, 0.0, 0.05, depth_m, 0.0, height_m) for sx in (-1, 1)]
+    if rng.random() < 0.4:
+        parts.append(box_part(0.0, 0.0, 0.5 * width_m, 0.4, 0.0, rng.uniform(0.8, 1.1)))
+    return piece_of("stall", parts, at_wall=False)
+
+
 def screen(rng: np.random.Generator) -> Piece:
     """A movable partition or whiteboard."""
     parts = [box_part(0.0, 0.0, rng.uniform(0.9, 1.6), 0.05, 0.0, rng.uniform(1.3, 1.8))]

@@ -62,6 +62,11 @@ RECIPES = {
         first=(),
         then=(c.round_table, c.meeting_table, c.boxes, c.rack, c.screen, c.desk, c.bench, *CLUTTER),
     ),
+    "Warehouse": Recipe(
+        fill=0.2,
+        first=(),
+        then=(c.pallet, c.pallet, c.pallet, c.stall, c.stall, c.rack, c.desk, c.screen, *CLUTTER),
+    ),
     "Hall": Recipe(
         fill=0.14,
         first=(),

@@ -10,7 +10,7 @@ import shapely
 from shapely import LineString, Polygon
 
 from rendezvous.errors import FloorplanError
-from rendezvous.floorplan.large_hall import large_hall
+from rendezvous.floorplan.large_hall import large_hall, warehouse
 from rendezvous.floorplan.layouts import Storey, apartment, hall, office, tapered
 from rendezvous.floorplan.partition import Walls, is_compact, shared_walls
 from rendezvous.floorplan.records import Floorplan, Room
@@ -18,7 +18,14 @@ from rendezvous.floorplan.validate import FloorplanLimits, validated
 from rendezvous.geometry.se2 import Array
 from rendezvous.seeds import stream
 
-LAYOUTS = {"apartment": apartment, "office": office, "hall": hall, "large_hall": large_hall}
+LAYOUTS = {
+    "apartment": apartment,
+    "office": office,
+    "hall": hall,
+    "large_hall": large_hall,
+    "warehouse": warehouse,
+}
+LATER_KINDS = ("large_hall", "warehouse")  # plans of earlier versions are as if these had weight 0
 ATTEMPTS = 50  # layouts drawn before giving up; a few per cent of them fail
 SHIPPED_KINDS = ("apartment", "office", "apartment", "hall", "office", "apartment")
 
@@ -29,11 +36,12 @@ ALL_REACHABLE = FloorplanLimits(min_reachable_share=0.97)  # no generated room m
 class GeneratorParameters:
     """The distributions that plans are drawn from; ranges are (least, most)."""
 
-    # apartment, office, hall, large_hall: weights of the kinds.
+    # apartment, office, hall, large_hall, warehouse: weights of the kinds.
     apartment: float = 0.45
     office: float = 0.35
     hall: float = 0.2
     large_hall: float = 0.0
+    warehouse: float = 0.0
     rooms: tuple[int, int] = (3, 20)  # number of rooms, corridors included
     # Thickness of partition walls; single walls are thicker, up to the end of the range.
     wall_thickness_m: tuple[float, float] = (0.08, 0.3)
@@ -59,7 +67,7 @@ class GeneratorParameters:
                 )
 
     def weights(self) -> dict[str, float]:
-        """The weight of each kind, `large_hall` last: at weight 0 it changes no draw."""
+        """The weight of each kind, oldest first: a newer one of weight 0 changes no draw."""
         return {kind: getattr(self, kind) for kind in LAYOUTS}
 
 

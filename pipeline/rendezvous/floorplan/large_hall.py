@@ -1,4 +1,4 @@
-"""Large halls: few walls, and free-standing things in rows that repeat."""
+"""Large halls with few walls: free-standing things in rows that repeat, or furniture that may be moved."""
 
 from __future__ import annotations
 
@@ -20,15 +20,29 @@ Draw = Callable[[np.random.Generator], Unit]
 
 def large_hall(rng: np.random.Generator, *, slanted: bool) -> Storey:
     """One or two halls of 15 to 30 m with stands, pallets, desks, cubicles or columns in rows; side rooms."""
+    halls, rooms = _cells(rng, slanted=slanted)
+    posts = [post for cell in halls for zone in _zones(cell, rng) for post in _standing(zone, cell, rng)]
+    categories = ["Large_Hall"] * len(halls) + office_categories(rooms, rng)
+    return Storey(cells=[*halls, *rooms], categories=categories, hub=0, posts=posts)
+
+
+def warehouse(rng: np.random.Generator, *, slanted: bool) -> Storey:
+    """One or two such halls, bare but for columns in half of them; pallets and stalls come as furniture."""
+    halls, rooms = _cells(rng, slanted=slanted)
+    posts = [post for cell in halls if rng.random() < 0.5 for post in _rows(_column, cell, cell, rng)]
+    categories = ["Warehouse"] * len(halls) + office_categories(rooms, rng)
+    return Storey(cells=[*halls, *rooms], categories=categories, hub=0, posts=posts)
+
+
+def _cells(rng: np.random.Generator, *, slanted: bool) -> tuple[list[Polygon], list[Polygon]]:
+    """The halls, and the rooms beside them."""
     # Uniform sizes: 180 to 720 m2.
     width_m, depth_m = rng.uniform(15.0, 30.0), rng.uniform(12.0, 24.0)
     shell = footprint(rng, width_m=width_m, depth_m=depth_m, slanted=slanted and rng.random() < 0.5)
     open_space, strips = sides(shell, rng)
     rooms = subdivided(strips, rng, room_area_m2=rng.uniform(14.0, 40.0), min_side_m=2.4, slant=0.0)
     halls = subdivided([open_space], rng, room_area_m2=rng.uniform(250.0, 600.0), min_side_m=8.0, slant=0.0)
-    posts = [post for cell in halls for zone in _zones(cell, rng) for post in _standing(zone, cell, rng)]
-    categories = ["Large_Hall"] * len(halls) + office_categories(rooms, rng)
-    return Storey(cells=[*halls, *rooms], categories=categories, hub=0, posts=posts)
+    return halls, rooms
 
 
 def _zones(cell: Polygon, rng: np.random.Generator) -> list[Polygon]:
@@ -47,9 +61,14 @@ def _zones(cell: Polygon, rng: np.random.Generator) -> list[Polygon]:
 
 
 def _standing(zone: Polygon, cell: Polygon, rng: np.random.Generator) -> list[Polygon]:
-    """Rows of one kind of thing, the same each time but for some that are missing or a little askew."""
+    """Rows of one kind of thing."""
     # Categorical, uniform over the kinds.
     draw: Draw = (_stand, _pallet, _desks, _cubicle, _column)[int(rng.integers(5))]
+    return _rows(draw, zone, cell, rng)
+
+
+def _rows(draw: Draw, zone: Polygon, cell: Polygon, rng: np.random.Generator) -> list[Polygon]:
+    """The same thing again and again, but for some that are missing or a little askew."""
     unit, width_m, depth_m = draw(rng)
     loose = draw is _pallet
     # Uniform gaps between neighbours and rows: robots pass all of them.

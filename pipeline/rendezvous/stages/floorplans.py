@@ -14,7 +14,7 @@ from itertools import islice
 from rendezvous.config.sections import FloorplansSection
 from rendezvous.engine.run import Run, Task, part_name
 from rendezvous.errors import FloorplanError
-from rendezvous.floorplan.generate import GeneratorParameters, generate_floorplan
+from rendezvous.floorplan.generate import LATER_KINDS, GeneratorParameters, generate_floorplan
 from rendezvous.floorplan.houseexpo import parse_floorplan
 from rendezvous.floorplan.records import Floorplan
 from rendezvous.floorplan.validate import start_regions, validated
@@ -104,7 +104,10 @@ def _batches(
     holders: dict[str, Candidate] = {}
     robot = {"floorplans.robot.radius_m": robot_radius_m}
     judged_by = section.parameters(exclude={"sources", "generate", "plans_per_shard", "robot"}) | robot
-    drawn_from = section.parameters(exclude={"sources", "generate.count", "plans_per_shard", "robot"}) | robot
+    weights = section.generate.plans.weights()
+    unused = {f"generate.plans.{kind}" for kind in LATER_KINDS if weights[kind] == 0.0}
+    left_out = {"sources", "generate.count", "plans_per_shard", "robot"} | unused
+    drawn_from = section.parameters(exclude=left_out) | robot
     read = [(_read_candidates(source), judged_by, None) for source in section.sources]
     generated = (_generated_candidates(section, seed, robot_radius_m), drawn_from, seed)
     for candidates, parameters, own_seed in [*read, generated]:
