@@ -15,7 +15,7 @@ from rendezvous.exploration.starts import draw_starts
 from rendezvous.floorplan.furnish import furnish
 from rendezvous.geometry.se2 import SE2
 from rendezvous.plan_schema import plan_of, solids_of
-from rendezvous.robot_file import ROBOTS, load_robot
+from rendezvous.robot_file import LIDARS, ROBOTS, load_robot
 from rendezvous.schema import EXPLORE
 from rendezvous.seeds import stream
 from rendezvous.stages.dataset.episode_draws import draw_lidars
@@ -210,6 +210,13 @@ def test_lidars_are_drawn_by_their_weights_and_half_of_the_time_as_one() -> None
     # Alike: half of them, and of the others those that drew the same, 1/16 and 9/16.
     assert np.mean([first == second for first, second in drawn]) == pytest.approx(0.5 + 0.5 * 0.625, abs=0.04)
     assert draw_lidars({}, rng=stream(0, "draw")) == (None, None)
+
+
+def test_a_lidar_of_ones_own_that_cannot_be_is_named(make_run: MakeRun, tmp_path: Path) -> None:
+    path = tmp_path / "mine.yaml"
+    path.write_text((LIDARS / "sick-lms.yaml").read_text().replace("rate_hz: 5.0", "rate_hz: 7.0"))
+    with pytest.raises(ConfigError, match=r"\Aexplore\.lidar: .*mine\.yaml: .*rate_hz is 7\.0; must divide"):
+        explore(make_run([*ONE_PLAN, f"explore.lidar={path}"]))
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,7 @@ from rendezvous.geometry.se2 import Array
 
 _TRIES = 20  # places tried for one piece
 _MOVED_M = (0.3, 2.0)
-_REMOVED, _MOVED, _REPLACED = range(3)
+_, _MOVED, _REPLACED = range(3)  # the first: removed
 
 
 def changed_furniture(
@@ -49,21 +49,18 @@ def changed_furniture(
     ]
     for i, kind in kinds.items():
         if kind == _MOVED:
-            new = _put(site, pieces[i], _near(pieces[i].pose, rng))
+            after += _put(site, pieces[i], _near(pieces[i].pose, rng))
         elif kind == _REPLACED:
             # One like any other in the building, anywhere.
             like = pieces[int(rng.integers(len(pieces)))]
-            new = _put(site, replace(like, item=len(pieces) + i), _anywhere(site, like.pose, rng))
-        else:
-            new = None
-        if new is not None:
-            after.append(new)
+            after += _put(site, replace(like, item=len(pieces) + i), _anywhere(site, like.pose, rng))
     return tuple(solid for placed in after for solid in placed.solids())
 
 
-def _put(site: Site, placed: Placed, poses: Array) -> Placed | None:
+def _put(site: Site, placed: Placed, poses: Array) -> list[Placed]:
+    """The piece at the first of these poses at which it fits, if any."""
     pose = site.place_in_place(placed.piece, poses)
-    return None if pose is None else replace(placed, pose=pose)
+    return [] if pose is None else [replace(placed, pose=pose)]
 
 
 def _near(pose: Array, rng: np.random.Generator) -> Array:

@@ -174,11 +174,9 @@ class RobotSpec:
         for name, value in _numbers(asdict(self)):
             if name.endswith(_POSITIVE) and not value > 0.0:
                 raise ConfigError(f"robot {self.name}: {name} is {value}; must be positive")
-        require_within(
-            self.lidar, beams=(0, 100_000), field_of_view_rad=(0.1, _TURN_RAD), normals_to_m=(0, 100)
-        )
         require_within(self.camera, width_px=(1, 20_000), height_px=(1, 20_000))
-        lidar, chassis = self.lidar, self.chassis
+        self._check_lidar()
+        chassis = self.chassis
         if not chassis.bottom_z_m < chassis.top_z_m <= self.size_m[2]:
             raise ConfigError(
                 f"robot {self.name}: the chassis reaches from {chassis.bottom_z_m} to {chassis.top_z_m} m; "
@@ -189,6 +187,14 @@ class RobotSpec:
                 f"robot {self.name}: chassis.centre_x_m is {chassis.centre_x_m}; must be between the wheels "
                 f"at 0 and the caster at {self.caster.x_m} m, or the robot tips over"
             )
+        if 2 * self.wheels.mass_kg >= self.mass_kg:
+            raise ConfigError(
+                f"robot {self.name}: two wheels of {self.wheels.mass_kg} kg are not part of {self.mass_kg} kg"
+            )
+
+    def _check_lidar(self) -> None:
+        lidar = self.lidar
+        require_within(lidar, beams=(0, 100_000), field_of_view_rad=(0.1, _TURN_RAD), normals_to_m=(0, 100))
         if not 0.0 < lidar.z_m <= self.size_m[2]:
             raise ConfigError(
                 f"robot {self.name}: lidar.z_m is {lidar.z_m}; must be within the robot's {self.size_m[2]} m"
@@ -208,10 +214,6 @@ class RobotSpec:
             raise ConfigError(
                 f"robot {self.name}: lidar.turn_hz is {lidar.turn_hz}; must be at least lidar.rate_hz, "
                 f"{lidar.rate_hz}, the number of sweeps that are used"
-            )
-        if 2 * self.wheels.mass_kg >= self.mass_kg:
-            raise ConfigError(
-                f"robot {self.name}: two wheels of {self.wheels.mass_kg} kg are not part of {self.mass_kg} kg"
             )
 
     def parameters(self) -> dict[str, Any]:

@@ -12,14 +12,14 @@ import numpy as np
 
 from rendezvous.config.sections import ExploreSection
 from rendezvous.engine.run import Run
-from rendezvous.errors import FloorplanError
+from rendezvous.errors import ConfigError, FloorplanError
 from rendezvous.exploration.episode import Surroundings, furnished, in_the_way, run_episode
 from rendezvous.exploration.records import Episode
 from rendezvous.exploration.starts import draw_starts
 from rendezvous.floorplan.furnish import furnish
 from rendezvous.floorplan.records import Floorplan, Solid
 from rendezvous.floorplan.validate import start_regions
-from rendezvous.geometry.se2 import Array
+from rendezvous.geometry.se2 import SE2, Array
 from rendezvous.plan_schema import PLAN_COLUMNS, plan_of, solid_rows, solids_of
 from rendezvous.robot_file import load_lidar, load_robot
 from rendezvous.schema import EXPLORE
@@ -44,9 +44,7 @@ def explore(run: Run) -> Manifest:
     """
     section, seed = run.config.explore, run.config.seed
     robot = load_robot(section.robot)
-    lidars = {name: load_lidar(name) for name in section.lidar}
-    for lidar in lidars.values():
-        robot.with_lidar(lidar)  # says what is wrong with it, if anything
+    lidars = {name: _fitting_lidar(name, robot) for name in section.lidar}
     meshes = run.read("meshes")
     batches = list(chunks(meshes.items(), section.plans_per_shard))
     tasks = item_tasks(
@@ -60,6 +58,15 @@ def explore(run: Run) -> Manifest:
     manifest = run.build("explore", tasks, layout=LAYOUT, total=len(batches))
     _report_left_out(run, manifest)
     return manifest
+
+
+def _fitting_lidar(name: str, robot: RobotSpec) -> Lidar:
+    lidar = load_lidar(name)
+    try:
+        robot.with_lidar(lidar)
+    except ConfigError as error:
+        raise ConfigError(f"explore.lidar: {name}: {error}") from error
+    return lidar
 
 
 def _parameters(section: ExploreSection, robot: RobotSpec, lidars: Mapping[str, Lidar]) -> dict[str, Any]:
@@ -143,16 +150,9 @@ def _run(
     if changed is not None:
         furnitures = (furniture, changed_after(plan, section, robot, seed, key, changed))
         worlds = (surroundings, furnished(plan, walls, furnitures[1], robot))
-    starts = draw_starts(
-        plan,
-        start_regions(plan, robot_radius_m=robot.radius_m),
-        in_the_way(tuple(dict.fromkeys(furnitures[0] + furnitures[1])), robot),
-        surroundings.lidar_scene,
-        clearance_m=robot.radius_m + section.start_margin_m,
-        passage_m=robot.radius_m + section.episode.explorer.hard_margin_m,
-        least_distance_m=section.start_distance_m,
-        rng=stream(seed, *key, "starts"),
-    )
+    # Clear of what either of them finds.
+    everything = tuple(dict.fromkeys(furnitures[0] + furnitures[1]))
+    starts = _starts(plan, section, robot, everything, surroundings, stream(seed, *key, "starts"))
     episode = run_episode(worlds, (first, second), starts, section.episode, rng=stream(seed, *key, "episode"))
     scene = EpisodeScene(
         plan=plan,
@@ -165,6 +165,26 @@ def _run(
         drawn=in_words(carried, changed),
     )
     return scene, episode
+
+
+def _starts(
+    plan: Floorplan,
+    section: ExploreSection,
+    robot: RobotSpec,
+    furniture: Sequence[Solid],
+    surroundings: Surroundings,
+    rng: np.random.Generator,
+) -> tuple[SE2, SE2]:
+    return draw_starts(
+        plan,
+        start_regions(plan, robot_radius_m=robot.radius_m),
+        in_the_way(furniture, robot),
+        surroundings.lidar_scene,
+        clearance_m=robot.radius_m + section.start_margin_m,
+        passage_m=robot.radius_m + section.episode.explorer.hard_margin_m,
+        least_distance_m=section.start_distance_m,
+        rng=rng,
+    )
 
 
 def _seen(surroundings: Surroundings) -> Array:
