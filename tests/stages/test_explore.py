@@ -18,7 +18,7 @@ from rendezvous.plan_schema import plan_of, solids_of
 from rendezvous.robot_file import LIDARS, ROBOTS, load_robot
 from rendezvous.schema import EXPLORE
 from rendezvous.seeds import stream
-from rendezvous.stages.dataset.episode_draws import draw_lidars
+from rendezvous.stages.dataset.episode_draws import draw_lidars, in_words
 from rendezvous.stages.explore import explore
 from rendezvous.stages.floorplans import floorplans
 from rendezvous.stages.meshes import meshes
@@ -212,6 +212,11 @@ def test_lidars_are_drawn_by_their_weights_and_half_of_the_time_as_one() -> None
     assert draw_lidars({}, rng=stream(0, "draw")) == (None, None)
 
 
+def test_what_was_drawn_is_told_without_paths() -> None:
+    assert in_words((None, None), None) == ""
+    assert in_words(("home/my lidars/mine.yaml", "sick-lms"), 0.417) == " lidars=mine,sick-lms changed=0.42"
+
+
 def test_a_lidar_of_ones_own_that_cannot_be_is_named(make_run: MakeRun, tmp_path: Path) -> None:
     path = tmp_path / "mine.yaml"
     path.write_text((LIDARS / "sick-lms.yaml").read_text().replace("rate_hz: 5.0", "rate_hz: 7.0"))
@@ -223,6 +228,7 @@ def test_a_lidar_of_ones_own_that_cannot_be_is_named(make_run: MakeRun, tmp_path
     ("override", "message"),
     [
         ("explore.lidar=sick", r"\Alidar 'sick': no file .*; known lidars are hokuyo-ust-10lx, .*\Z"),
+        ("explore.lidar={sick-lms: 1, a/sick-lms.yaml: 1}", r"explore\.lidar: two lidars of one name; .*\Z"),
         ("explore.lidar={sick-lms: 0}", r"explore\.lidar: all weights are 0; one must be above\Z"),
         (
             "explore.lidar={sick-lms: -1}",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Collection
+from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
@@ -120,6 +121,8 @@ class ExploreSection(StageSection):
     def _check_draws(self) -> Self:
         if self.lidar and not sum(self.lidar.values()) > 0.0:
             raise ConfigError("explore.lidar: all weights are 0; one must be above")
+        if len({Path(name).stem for name in self.lidar}) < len(self.lidar):
+            raise ConfigError("explore.lidar: two lidars of one name; rows could not tell them apart")
         if self.changed_furniture[0] > self.changed_furniture[1]:
             raise ConfigError(
                 f"explore.changed_furniture is {list(self.changed_furniture)}; must be two rising shares"

@@ -25,7 +25,13 @@ from rendezvous.robot_file import load_lidar, load_robot
 from rendezvous.schema import EXPLORE
 from rendezvous.seeds import stream
 from rendezvous.simulation.robot import Lidar, RobotSpec
-from rendezvous.stages.dataset.episode_draws import changed_after, draw_change, draw_lidars, in_words
+from rendezvous.stages.dataset.episode_draws import (
+    changed_after,
+    draw_change,
+    draw_lidars,
+    in_words,
+    lidar_label,
+)
 from rendezvous.stages.dataset.item_tasks import item_tasks
 from rendezvous.stages.dataset.sightings import EpisodeScene, sighting_rows
 from rendezvous.store.read import Item, StageReader, chunks
@@ -75,7 +81,7 @@ def _parameters(section: ExploreSection, robot: RobotSpec, lidars: Mapping[str, 
     if section.changed_share == 0.0:
         left_out |= {"changed_share", "changed_furniture"}
     drawn = {
-        f"explore.lidar.{name}": {"weight": section.lidar[name], **asdict(lidar)}
+        f"explore.lidar.{lidar_label(name)}": {"weight": section.lidar[name], **asdict(lidar)}
         for name, lidar in lidars.items()
     }
     return section.parameters(exclude=left_out) | {"explore.robot": robot.parameters()} | drawn

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import Path
 
 import numpy as np
 
@@ -54,11 +55,16 @@ def changed_after(
     return changed_furniture(plan, pieces, rng, share=share, robot_radius_m=robot.radius_m)
 
 
+def lidar_label(name: str) -> str:
+    """How rows name a lidar: a file of the user's by its name alone, wherever it lies."""
+    return Path(name).stem if name.endswith((".yaml", ".yml")) else name
+
+
 def in_words(lidars: Names, changed: float | None) -> str:
     """What was drawn, as `episode_id` has it; '' for nothing."""
     words = []
     if lidars != (None, None):
-        words.append(f" lidars={','.join(str(name) for name in lidars)}")
+        words.append(f" lidars={','.join(lidar_label(str(name)) for name in lidars)}")
     if changed is not None:
         words.append(f" changed={changed:.2f}")
     return "".join(words)
