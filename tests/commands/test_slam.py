@@ -1,14 +1,21 @@
 """`rendezvous slam`: map, path and error of a recorded log."""
 
 import json
+import sys
 
 import numpy as np
 import pytest
 from typer.testing import CliRunner
 
 from rendezvous.cli.__main__ import app
+from rendezvous.config.load import load_config
+from rendezvous.interop.carmen_log import read_carmen_log
 from rendezvous.interop.ros_map import read_ros_map
 from rendezvous.interop.trajectory_files import read_tum
+from rendezvous.recorded.mapped import map_scans
+from rendezvous.recorded.odometry import odometry_of
+from rendezvous.seeds import stream
+from tests.conftest import ROOT
 from tests.recorded.drive import carmen_text, driven
 
 
@@ -62,6 +69,55 @@ def test_the_map_shows_the_room(mapped):
     right = (np.abs(walls_w[:, 0] - 9.0) < 0.1) & (walls_w[:, 1] > 0.0) & (walls_w[:, 1] < 4.0)
     assert right.sum() > 60
     assert np.abs(walls_w[:, 1]).min() < 0.05
+
+
+def test_the_loops_are_counted_and_the_graph_is_written(mapped):
+    drive, out, printed = mapped
+    loops = json.loads((out / "slam.json").read_text())["loops"]
+    assert loops["search"] == "correlative search"
+    assert loops["submaps"] >= 1
+    assert "loops by correlative search: 0 closed, 0 rejected as false" in printed
+    lines = (out / "graph.g2o").read_text().splitlines()
+    _, poses = read_tum(out / "trajectory.tum")
+    vertices = [[float(v) for v in line.split()[2:]] for line in lines if line.startswith("VERTEX_SE2")]
+    assert len(vertices) == len(drive.t_s) + loops["submaps"]
+    assert np.array(vertices)[: len(poses), :2] == pytest.approx(poses[:, :2], abs=1e-5)
+    assert sum(line.startswith("EDGE_SE2") for line in lines) > len(poses)
+
+
+def test_without_loops_slam_is_that_of_the_simulated_robots(mapped, tmp_path):
+    _, out, _ = mapped
+    arguments = [str(out.parent / "drive.log"), "--no-loops", "--out", str(tmp_path)]
+    result = CliRunner().invoke(app, ["slam", *arguments], catch_exceptions=False)
+    assert result.exit_code == 0
+    assert "loops by" not in result.output
+    assert json.loads((tmp_path / "slam.json").read_text())["loops"] is None
+    assert not (tmp_path / "graph.g2o").exists()
+    log = read_carmen_log(out.parent / "drive.log")
+    order = np.arange(len(log))
+    section = load_config(ROOT / "stages.yaml").replay
+    odometry = odometry_of(log, order, section.odometry, rng=stream(0, "slam", "odometry"))
+    alone = map_scans(log, order, odometry, lidar=section.lidar, parameters=section.slam)
+    assert read_tum(tmp_path / "trajectory.tum")[1][:, :2] == pytest.approx(alone.poses[:, :2], abs=1e-6)
+
+
+def test_another_search_for_loops_is_one_line(mapped, tmp_path):
+    _, out, _ = mapped
+    arguments = [str(out.parent / "drive.log"), "--loop-search", "bag-of-words", "--out", str(tmp_path)]
+    result = CliRunner().invoke(app, ["slam", *arguments])
+    assert result.exit_code == 2
+    assert "correlative" in result.stderr
+    assert "matcher" in result.stderr
+
+
+def test_the_matcher_without_torch_says_what_to_install(mapped, tmp_path, monkeypatch):
+    _, out, _ = mapped
+    monkeypatch.setitem(sys.modules, "torch", None)
+    monkeypatch.delitem(sys.modules, "rendezvous.stages.weights.trained_estimators", raising=False)
+    arguments = [str(out.parent / "drive.log"), "--loop-search", "matcher", "--out", str(tmp_path)]
+    result = CliRunner().invoke(app, ["slam", *arguments])
+    assert result.exit_code == 2
+    assert "pip install 'rendezvous-fusion[fuse]'" in " ".join(result.stderr.split())
 
 
 def test_relations_of_another_log_are_one_line(mapped, tmp_path):

@@ -49,6 +49,13 @@ def slam(
             help="The lidar on the robot (m, rad); from a bag's transforms by default.",
         ),
     ] = None,
+    loops: Annotated[
+        bool, typer.Option("--loops/--no-loops", help="Recognise places seen before and correct the path.")
+    ] = True,
+    loop_search: Annotated[
+        str,
+        typer.Option("--loop-search", help="What recognises them: correlative, or matcher (needs PyTorch)."),
+    ] = "correlative",
     config: Config = None,
     overrides: Overrides = [],  # noqa: B006 - Typer reads the default, nothing writes it
     seed: Annotated[int, typer.Option("--seed", min=0, help="Of odometry drawn for a log without.")] = 0,
@@ -61,11 +68,12 @@ def slam(
     if out.exists() and not out.is_dir():
         raise ConfigError(f"--out is {str(out)!r}, a file; must be a folder")
 
-    from rendezvous.commands.slam import run_slam, write_slam
+    from rendezvous.commands.slam import LoopSearch, run_slam, write_slam
     from rendezvous.config.load import load_config
     from rendezvous.interop.carmen_log import PosesOf
     from rendezvous.interop.laser_logs import read_laser_log
 
+    search = choice(LoopSearch, "--loop-search", loop_search)
     read = read_laser_log(
         log,
         poses=choice(PosesOf, "--poses", poses),
@@ -82,6 +90,7 @@ def slam(
         lidar=section.lidar,
         noise=section.odometry,
         seed=seed,
+        loops=search if loops else None,
     )
     files = write_slam(run, out)
     print(*run.lines(), sep="\n")

@@ -3,18 +3,25 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
+from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from rendezvous.alignment.window import WINDOW_CELL_M
+from rendezvous.baselines.correlative import CorrelativeSearch
 from rendezvous.errors import LogError
 from rendezvous.geometry.se2 import Array
+from rendezvous.interop.g2o import g2o_bytes
 from rendezvous.interop.ros_map import ros_map_bytes
 from rendezvous.interop.trajectory_files import read_relations, tum_bytes
+from rendezvous.loop_closure.mapped import ClosedMap, LoopCounts, map_with_loops
+from rendezvous.loop_closure.matching import LoopWindow
 from rendezvous.recorded.error import (
     PathError,
+    Relations,
     reference_error,
     relation_error,
     segment_error,
@@ -25,10 +32,22 @@ from rendezvous.recorded.mapped import LidarModel, Mapped, map_scans
 from rendezvous.recorded.odometry import DrawnOdometry, odometry_of
 from rendezvous.seeds import stream
 from rendezvous.slam.slam import SlamParameters
+from rendezvous.stages.weights.estimators import selected_matcher, trained
 from rendezvous.store.disk import Disk
 from rendezvous.store.records import json_bytes
 
 _SEGMENTS_M = (20.0, 50.0)
+_SEARCH_CELL_M = 0.1  # cells of the windows that correlative search gets
+
+
+class LoopSearch(StrEnum):
+    """What recognises a place that was seen before."""
+
+    CORRELATIVE = "correlative"
+    MATCHER = "matcher"
+
+
+_TITLES = {LoopSearch.CORRELATIVE: "correlative search", LoopSearch.MATCHER: "the matcher"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -39,6 +58,8 @@ class SlamRun:
     mapped: Mapped
     errors: dict[str, PathError]  # by what they were measured against
     seconds: float
+    closed: ClosedMap | None = None  # what loop closure did; None without it
+    loop_search: str = ""  # the method that compared places
 
     def lines(self) -> list[str]:
         """What happened, for people."""
@@ -51,6 +72,12 @@ class SlamRun:
             f"{len(log)} scans of {len(log.bearings_rad)} beams over {log.travelled_m()[-1]:.1f} m of path, "
             f"odometry {drawn}; map {width:.1f} x {height:.1f} m"
         )
+        if self.closed is not None:
+            counts = self.closed.counts
+            lines.append(
+                f"loops by {self.loop_search}: {counts.closed} closed, {counts.rejected} rejected as false, "
+                f"of {counts.compared} comparisons of {counts.submaps} submaps"
+            )
         lines += [f"{name}: {_shown(error)}" for name, error in self.errors.items()]
         rate = len(log) / self.seconds
         lines.append(f"{self.seconds:.1f} s, {rate:.0f} scans a second ({recorded:.0f} s were recorded)")
@@ -66,9 +93,13 @@ class SlamRun:
             "beams": len(log.bearings_rad),
             "path_m": float(log.travelled_m()[-1]),
             "odometry": "recorded" if log.odometry is not None else "drawn",
+            "loops": None if self.closed is None else self._loops(self.closed.counts),
             "seconds": self.seconds,
             "errors": {name: error.to_json() for name, error in self.errors.items()},
         }
+
+    def _loops(self, counts: LoopCounts) -> dict[str, Any]:
+        return {"search": self.loop_search, **asdict(counts)}
 
 
 def _shown(error: PathError) -> str:
@@ -87,28 +118,45 @@ def run_slam(
     lidar: LidarModel,
     noise: DrawnOdometry,
     seed: int,
+    loops: LoopSearch | None = LoopSearch.CORRELATIVE,
 ) -> SlamRun:
     """Map a whole log and measure the path; noise and seed are those of odometry drawn for a log without.
 
     Raises:
         LogError: the relations cannot be read, or none lies between two scans of the log.
+        SetupError, StoreError, ConfigError: the matcher is to find loops and cannot be loaded.
     """
     known = None if relations is None else read_relations(relations)
     order = np.arange(len(log), dtype=np.int64)
     odometry = odometry_of(log, order, noise, rng=stream(seed, "slam", "odometry"))
+    window = None if loops is None else _loop_window(loops)
     started_s = time.perf_counter()
-    mapped = map_scans(log, order, odometry, lidar=lidar, parameters=parameters)
+    closed = None
+    if window is None:
+        mapped = map_scans(log, order, odometry, lidar=lidar, parameters=parameters)
+    else:
+        closed = map_with_loops(log, order, odometry, lidar=lidar, parameters=parameters, window=window)
+        mapped = closed.mapped
     seconds = time.perf_counter() - started_s
     errors = _reference_errors(log, mapped.poses)
     if known is not None:
-        error, before = (relation_error(log.t_s, p, known) for p in (mapped.poses, odometry[:, 1]))
-        if error is None or before is None:
-            raise LogError(
-                f"{relations}: none of its {len(known.motions)} relations lies between two scans of "
-                f"{log.source}; must be of the same log"
-            )
-        errors |= {"relations": error, "odometry by relations": before}
-    return SlamRun(log=log, mapped=mapped, errors=errors, seconds=seconds)
+        errors |= _relation_errors(log, mapped.poses, odometry[:, 1], known, where=f"{relations}")
+    return SlamRun(
+        log=log,
+        mapped=mapped,
+        errors=errors,
+        seconds=seconds,
+        closed=closed,
+        loop_search="" if loops is None else _TITLES[loops],
+    )
+
+
+def _loop_window(loops: LoopSearch) -> LoopWindow:
+    """What compares submaps."""
+    if loops is LoopSearch.CORRELATIVE:
+        return LoopWindow(searching=lambda search: CorrelativeSearch(search=search), cell_m=_SEARCH_CELL_M)
+    estimator: Any = trained(selected_matcher(), threads=1).estimator  # a frozen record
+    return LoopWindow(searching=lambda search: replace(estimator, search=search), cell_m=WINDOW_CELL_M)
 
 
 def _reference_errors(log: LaserLog, poses: Array) -> dict[str, PathError]:
@@ -122,8 +170,23 @@ def _reference_errors(log: LaserLog, poses: Array) -> dict[str, PathError]:
     return errors
 
 
+def _relation_errors(
+    log: LaserLog, poses: Array, odometry: Array, known: Relations, *, where: str
+) -> dict[str, PathError]:
+    errors = {}
+    for name, path in (("relations", poses), ("odometry by relations", odometry)):
+        error = relation_error(log.t_s, path, known)
+        if error is None:
+            raise LogError(
+                f"{where}: none of its {len(known.motions)} relations lies between two scans of "
+                f"{log.source}; must be of the same log"
+            )
+        errors[name] = error
+    return errors
+
+
 def write_slam(run: SlamRun, out: Path) -> list[Path]:
-    """Write `map.yaml`, `map.pgm`, `trajectory.tum`, and `slam.json` last.
+    """Write `map.yaml`, `map.pgm`, `trajectory.tum`, with loops `graph.g2o`, and `slam.json` last.
 
     Raises:
         StoreError: the folder cannot be written.
@@ -132,6 +195,8 @@ def write_slam(run: SlamRun, out: Path) -> list[Path]:
     poses = run.mapped.poses.copy()
     poses[:, 2] = wrapped(poses[:, 2])
     files = {"map.pgm": image, "map.yaml": header, "trajectory.tum": tum_bytes(run.log.t_s, poses)}
+    if run.closed is not None:
+        files["graph.g2o"] = g2o_bytes(run.closed.vertices, run.closed.graph)
     files["slam.json"] = json_bytes(run.record())
     disk = Disk(str(out))
     for name, data in files.items():

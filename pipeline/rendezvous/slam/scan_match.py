@@ -38,6 +38,13 @@ class MatchParameters:
             prior_xy_per_m=(0, 10), prior_yaw_rad=(1e-6, 10), prior_yaw_per_rad=(0, 10),
         )  # fmt: skip
 
+    def prior_sigmas(self, travelled: Array) -> tuple[float, float]:
+        """Sigma [m] and [rad] of odometry's motion (3,) from one scan to the next."""
+        return (
+            self.prior_xy_m + self.prior_xy_per_m * math.hypot(travelled[0], travelled[1]),
+            self.prior_yaw_rad + self.prior_yaw_per_rad * abs(travelled[2]),
+        )
+
 
 Matches = NDArray[np.int32]
 
@@ -108,13 +115,36 @@ def match_scan(
         (3,) pose and the number of points matched.
     """
     p = parameters
-    sigma_xy_m = p.prior_xy_m + p.prior_xy_per_m * math.hypot(travelled[0], travelled[1])
-    sigma_yaw = p.prior_yaw_rad + p.prior_yaw_per_rad * abs(travelled[2])
+    sigma_xy_m, sigma_yaw_rad = p.prior_sigmas(travelled)
     step = p.beam_step
-    return _match(
-        points_m[::step], normals[::step], sigma_m[::step], prior, sigma_xy_m**-2, sigma_yaw**-2,
-        seen.surface, p.gate_m, p.iterations,
+    pose, _, matched = registered(
+        seen.surface, points_m[::step], normals[::step], sigma_m[::step], prior,
+        sigma_xy_m=sigma_xy_m, sigma_yaw_rad=sigma_yaw_rad, gate_m=p.gate_m, iterations=p.iterations,
     )  # fmt: skip
+    return pose, matched
+
+
+def registered(
+    surface: Surface,
+    points_m: Array,
+    normals: Array,
+    sigma_m: Array,
+    prior: Array,
+    *,
+    sigma_xy_m: float,
+    sigma_yaw_rad: float,
+    gate_m: float,
+    iterations: int,
+) -> tuple[Array, Array, int]:
+    """Register points with normals to a surface; see `match_scan`.
+
+    Returns:
+        (3,) pose, (3, 3) its information with that of the prior, as if points erred independently, and the
+        number of points matched.
+    """
+    return _match(
+        points_m, normals, sigma_m, prior, sigma_xy_m**-2, sigma_yaw_rad**-2, surface, gate_m, iterations
+    )
 
 
 @njit
@@ -128,7 +158,7 @@ def _match(
     surface: Surface,
     gate_m: float,
     iterations: int,
-) -> tuple[Array, int]:
+) -> tuple[Array, Array, int]:
     pose = prior.copy()
     matched = np.empty(points_m.shape[0], np.int32)
     H, g = np.zeros((3, 3)), np.zeros(3)
@@ -141,7 +171,7 @@ def _match(
         pose -= delta
         if abs(delta[0]) + abs(delta[1]) < 5e-4 and abs(delta[2]) < 2e-4:
             break
-    return pose, int((matched >= 0).sum())
+    return pose, H, int((matched >= 0).sum())
 
 
 @njit

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -116,6 +117,48 @@ def open_space(ranges_m: Array, run: int) -> NDArray[np.bool_]:
     return found
 
 
+class LidarScan(NamedTuple):
+    """A sweep as matching and mapping take it, all in the robot frame at its end."""
+
+    points_m: Array  # (B, 2) beam ends
+    origins_m: Array  # (B, 2) where the lidar was as each beam was shot
+    normals: Array  # (B, 2) unit normals of the surface towards the lidar; zero where it has none
+    sigma_m: Array  # (B,) of the ranges
+    hits: NDArray[np.bool_]  # (B,) beams that end on a surface
+    clears: NDArray[np.bool_]  # (B,) beams that end in open space
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LidarGeometry:
+    """How a lidar sits and measures.
+
+    `sigma` is that of a range by the data sheet: hypot(first [m], second * range). A beam without echo clears
+    the map as far as `no_echo_m`.
+    """
+
+    bearings_rad: Array
+    x_m: float
+    sigma: tuple[float, float]
+    no_echo_m: float
+
+    def scan(self, sweep: Sweep, parameters: SlamParameters) -> LidarScan:
+        """Bring a sweep into the robot frame at its end."""
+        points_m, origins_m = deskew(
+            sweep.ranges_m, self.bearings_rad, sweep.odometry, self.x_m, self.no_echo_m
+        )
+        hits = np.isfinite(sweep.ranges_m)
+        return LidarScan(
+            points_m=points_m,
+            origins_m=origins_m,
+            normals=scan_normals(points_m, origins_m, hits, parameters.match.normal_radius_m),
+            sigma_m=np.hypot(
+                max(self.sigma[0], _LEAST_SIGMA_M), self.sigma[1] * np.where(hits, sweep.ranges_m, 0.0)
+            ),
+            hits=hits,
+            clears=open_space(sweep.ranges_m, parameters.mapping.no_echo_run),
+        )
+
+
 class Slam:
     """Online SLAM: odometry prior, scan match, occupancy mapping. Map frame: the pose at the first sweep.
 
@@ -133,10 +176,9 @@ class Slam:
         parameters: SlamParameters,
     ) -> None:
         self.parameters = parameters
-        self._bearings_rad = bearings_rad
-        self._lidar_x_m = lidar_x_m
-        self._sigma_m, self._sigma_ratio = max(lidar_sigma[0], _LEAST_SIGMA_M), lidar_sigma[1]
-        self._no_echo_m = no_echo_m
+        self._lidar = LidarGeometry(
+            bearings_rad=bearings_rad, x_m=lidar_x_m, sigma=lidar_sigma, no_echo_m=no_echo_m
+        )
         self._surface = SurfaceMap(
             extent_m=parameters.extent_m,
             cell_m=parameters.match.cell_m,
@@ -153,12 +195,7 @@ class Slam:
     def update(self, sweep: Sweep) -> None:
         """Process one sweep."""
         p = self.parameters
-        points_m, origins_m = deskew(
-            sweep.ranges_m, self._bearings_rad, sweep.odometry, self._lidar_x_m, self._no_echo_m
-        )
-        hits = np.isfinite(sweep.ranges_m)
-        sigma_m = np.hypot(self._sigma_m, self._sigma_ratio * np.where(hits, sweep.ranges_m, 0.0))
-        normals = scan_normals(points_m, origins_m, hits, p.match.normal_radius_m)
+        points_m, origins_m, normals, sigma_m, hits, clears = self._lidar.scan(sweep, p)
         odometry = sweep.odometry[-1]
         if self._pose is None:
             # The map's origin is where the sweep began; it ends where odometry has carried the robot.
@@ -176,7 +213,6 @@ class Slam:
                 self._surface.insert(points_m, normals, sigma_m, self._pose)
                 self._keyframe = self._pose
         self._odometry = odometry
-        clears = open_space(sweep.ranges_m, p.mapping.no_echo_run)
         self.mapper.integrate(points_m, origins_m, hits, clears, self._pose)
         self.points_m = points_m[hits]
 

@@ -63,6 +63,18 @@ class SurfaceMap:
             )
         self._count = _insert(points_m, normals, sigma_m, pose, self.surface, self._count, self._max_weight)
 
+    def cropped(self) -> Surface:
+        """The surface as it is now, in as few cells as hold it."""
+        surface, cell_m = self.surface, self.surface.cell_m
+        elements, half = surface.elements[: self._count].copy(), surface.first.shape[0] // 2
+        reach = min(math.ceil(np.abs(elements[:, :2]).max(initial=0.0) / cell_m) + 2, half)
+        kept = slice(half - reach, half + reach)
+        return surface._replace(
+            first=surface.first[kept, kept].copy(),
+            after=surface.after[: self._count].copy(),
+            elements=elements,
+        )
+
 
 @njit
 def _insert(
