@@ -21,6 +21,7 @@ BENCHMARKS = (
     "training",
     "fuse",
     "robot_shape",
+    "slam",
 )
 
 

@@ -70,3 +70,17 @@ def test_no_relation_between_two_scans_gives_no_error():
 def test_scans_are_found_by_their_stamps():
     stamps_s = np.array([10.0, 11.015, 10.35, 70.01, 99.0])
     assert scans_at(10.0 + np.arange(61), stamps_s).tolist() == [0, 1, -1, 60, -1]
+
+
+def test_a_stamp_beside_that_of_a_scan_is_of_a_scan_that_the_log_lacks():
+    known = _relations()
+    beside = Relations(
+        stamps_s=np.concatenate([known.stamps_s, [[_T_S[20], _T_S[20] + 6e-3]]]),
+        motions=np.concatenate([known.motions, [[0.35, 0.0, 0.0]]]),
+    )
+    every = relation_error(_T_S, _PATH, beside)
+    assert len(every.translation_m) == 51
+    assert every.translation_m.max() == pytest.approx(0.35)
+    apart = relation_error(_T_S, _PATH, beside, told_apart=True)
+    assert len(apart.translation_m) == 50
+    assert apart.translation_m.max() < 1e-9

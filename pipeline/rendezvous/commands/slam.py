@@ -182,6 +182,9 @@ def _relation_errors(
                 f"{log.source}; must be of the same log"
             )
         errors[name] = error
+    apart = relation_error(log.t_s, poses, known, told_apart=True)
+    if apart is not None and len(apart.translation_m) < len(errors["relations"].translation_m):
+        errors["relations of scans told apart"] = apart
     return errors
 
 

@@ -90,15 +90,23 @@ def segment_error(poses: Array, reference: Array, travelled_m: Array, length_m: 
     )
 
 
-def relation_error(t_s: Array, poses: Array, relations: Relations) -> PathError | None:
-    """The error of a path (N, 3) by relations; None if there is none between two of its scans."""
-    pairs, motions = related_scans(t_s, relations)
+def relation_error(
+    t_s: Array, poses: Array, relations: Relations, *, told_apart: bool = False
+) -> PathError | None:
+    """The error of a path (N, 3) by relations; None if there is none between two of its scans.
+
+    `told_apart` leaves out relations with a stamp that another one, closer to the same scan, shows to be of a
+    scan that the log lacks.
+    """
+    pairs, motions = related_scans(t_s, relations, told_apart=told_apart)
     if not len(pairs):
         return None
     return error_of(motions_between(poses[pairs[:, 0]], poses[pairs[:, 1]]), motions)
 
 
-def related_scans(t_s: Array, relations: Relations) -> tuple[NDArray[np.int64], Array]:
+def related_scans(
+    t_s: Array, relations: Relations, *, told_apart: bool = False
+) -> tuple[NDArray[np.int64], Array]:
     """(R, 2) pairs of scans between which there are relations, and (R, 3) their motions.
 
     If no stamp fits, the log's clock started at zero: the shift that fits most stamps is taken.
@@ -106,7 +114,13 @@ def related_scans(t_s: Array, relations: Relations) -> tuple[NDArray[np.int64], 
     stamps_s = relations.stamps_s.ravel()
     scans = scans_at(t_s, stamps_s)
     if not (scans >= 0).any():
-        scans = scans_at(t_s, stamps_s - _shift_s(t_s, stamps_s))
+        stamps_s = stamps_s - _shift_s(t_s, stamps_s)
+        scans = scans_at(t_s, stamps_s)
+    if told_apart:
+        off_s = np.where(scans >= 0, np.abs(stamps_s - t_s[scans]), np.inf)
+        nearest_s = np.full(len(t_s), np.inf)
+        np.minimum.at(nearest_s, scans[scans >= 0], off_s[scans >= 0])
+        scans = np.where(off_s == nearest_s[scans], scans, -1)
     pairs = scans.reshape(-1, 2)
     known = (pairs >= 0).all(axis=1)
     return pairs[known], relations.motions[known]
