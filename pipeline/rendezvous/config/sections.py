@@ -241,6 +241,7 @@ class TrainPoseSection(TrainingSection):
     # A safetensors file to start from: a trained network's weights or, for `settings.features: vgg19`,
     # VGG-19's under torchvision's names, such as `features.0.weight`; null for random weights.
     initial_weights: str | None
+    more_data: tuple[str, ...]  # data folders whose training images are added to those of `--data`
     validation_images: PositiveInt  # images in each measurement
     sampling: PoseSampling  # how samples are drawn from images
 

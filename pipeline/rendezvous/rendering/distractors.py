@@ -15,7 +15,7 @@ from rendezvous.geometry.camera import se3_from_se2
 from rendezvous.geometry.se2 import SE2, Array
 from rendezvous.rendering.appearance import materials
 from rendezvous.rendering.appearance.materials import Draw
-from rendezvous.rendering.machines import other_robot, speaker, vacuum_cleaner, waste_bin
+from rendezvous.rendering.machines import other_robot, rack, speaker, vacuum_cleaner, waste_bin
 from rendezvous.rendering.plan_scene import CYLINDER
 from rendezvous.rendering.scene import Material
 from rendezvous.rendering.thing import Thing, ThingDraw, ThingPart, block, sized
@@ -168,13 +168,20 @@ THINGS: Mapping[str, ThingDraw] = {
     "speaker": speaker,
     "bin": waste_bin,
     "robot": other_robot,
+    "rack": rack,
     "vase": _round("vase", (0.1, 0.24), (0.18, 0.5), (materials.ceramic, materials.painted)),
 }
 
 
-def draw_thing(rng: np.random.Generator, *, variants: int) -> Thing:
-    """A thing of uniformly drawn kind."""
-    return list(THINGS.values())[rng.integers(len(THINGS))](rng, variants)
+LOOK_ALIKES = ("vacuum", "speaker", "bin", "robot", "rack")
+
+
+def draw_thing(rng: np.random.Generator, *, variants: int, look_alike_share: float = 0.0) -> Thing:
+    """A thing of uniformly drawn kind; this share, and those among the others, look like the robot."""
+    kinds = tuple(THINGS)
+    if look_alike_share and rng.random() < look_alike_share:
+        kinds = LOOK_ALIKES
+    return THINGS[kinds[rng.integers(len(kinds))]](rng, variants)
 
 
 def place_on_floor(

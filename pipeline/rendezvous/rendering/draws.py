@@ -52,6 +52,7 @@ class PoseDraws:
     plausible_share: float = 0.5  # share on the floor of a furnished room; others are fully randomised
     absent_share: float = 0.1  # share of images without the robot
     occluded_share: float = 0.35  # share of images with an object placed in front of the robot
+    look_alike_share: float = 0.0  # share of things drawn among those that look like the robot alone
     shadow_share: float = 0.25  # share of images with a lamp that casts shadows
     # photo_share: of `free` images, taken as people take pictures: from above, before white or busy
     # backgrounds, with other focal lengths and image sizes, some too near for the frame.
@@ -68,6 +69,7 @@ class PoseDraws:
             plausible_share=share,
             absent_share=share,
             occluded_share=share,
+            look_alike_share=share,
             shadow_share=share,
             photo_share=share,
         )

@@ -70,7 +70,9 @@ def draw_free(
         T_w_r1 = draw_pose(rng, looks.spec, camera, draws)
     centre_w = (T_w_r1 @ looks.spec.cuboid.T_r_o())[:3, 3]
     occluded = bool(rng.random() < draws.occluded_share)
-    things = _things_around(rng, centre_w, looks.spec, camera, occluded=occluded, variants=variants)
+    things = _things_around(
+        rng, centre_w, looks.spec, camera, occluded=occluded, draws=draws, variants=variants
+    )
     white = style is BackgroundStyle.WHITE
     ground = _draw_ground(rng, T_w_r1, white=white, variants=variants)
     lighting = free_lighting(rng, target_m=centre_w, shadow=bool(rng.random() < draws.shadow_share))
@@ -186,6 +188,7 @@ def _things_around(
     camera: PinholeCamera,
     *,
     occluded: bool,
+    draws: PoseDraws,
     variants: int,
 ) -> tuple[PlacedThing, ...]:
     """Up to seven things anywhere in view; occluded: and one in front of the robot's edge."""
@@ -194,7 +197,7 @@ def _things_around(
     count = int(rng.integers(MAX_THINGS + 1))
     placed: list[PlacedThing] = []
     for i in range(count + occluded):
-        thing = draw_thing(rng, variants=variants)
+        thing = draw_thing(rng, variants=variants, look_alike_share=draws.look_alike_share)
         reach_m = math.hypot(thing.radius_m, 0.5 * thing.height_m)
         if i == 0 and occluded:
             share = rng.uniform(0.45, 0.8)

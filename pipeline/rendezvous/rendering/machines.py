@@ -85,6 +85,36 @@ def waste_bin(rng: np.random.Generator, variants: int) -> Thing:
     return Thing(kind="bin", parts=tuple(parts), radius_m=0.5 * d_m, height_m=h_m + 0.02)
 
 
+def rack(rng: np.random.Generator, variants: int) -> Thing:
+    """A small rack: plates on posts, with things on some: a shelf, a trolley, a stack of trays."""
+    x_m, y_m = rng.uniform(0.11, 0.34, 2)
+    plate, post = _shell(rng, variants), _shell(rng, variants)
+    if rng.random() < 0.4:
+        post = materials.metal(rng, variants)
+    plate_m, post_m = rng.uniform(0.003, 0.014), rng.uniform(0.006, 0.022)
+    inset_m = rng.uniform(0.0, 0.2) * min(x_m, y_m)
+    places = [
+        (sx * (0.5 * (x_m - post_m) - inset_m), sy * (0.5 * (y_m - post_m) - inset_m))
+        for sx in (1, -1)
+        for sy in (1, -1)
+    ]
+    is_round = rng.random() < 0.2  # one post in the middle instead, as of a stand for cakes
+    parts, up_m, foot_m = [], 0.0, rng.uniform(0.0, 0.09)
+    for layer in range(int(rng.integers(2, 6))):
+        gap_m = foot_m if layer == 0 else rng.uniform(0.03, 0.16)
+        if gap_m > 0.01:
+            parts += [_drum(post_m, gap_m, up_m, post, xy) for xy in ([(0.0, 0.0)] if is_round else places)]
+        up_m += gap_m
+        top = _drum(x_m, plate_m, up_m, plate) if is_round else block(x_m, y_m, plate_m, plate, up_m=up_m)
+        parts.append(top)
+        up_m += plate_m
+        if rng.random() < 0.35:
+            share = rng.uniform(0.3, 0.7, 3)
+            parts.append(block(share[0] * x_m, share[1] * y_m, 0.03, _shell(rng, variants), up_m=up_m))
+    reach_m = 0.5 * (x_m if is_round else math.hypot(x_m, y_m)) + 0.01
+    return Thing(kind="rack", parts=tuple(parts), radius_m=reach_m, height_m=up_m + 0.03)
+
+
 def other_robot(rng: np.random.Generator, variants: int) -> Thing:
     """A robot of another make: plates on posts over a round base, a box on four wheels, or a tower."""
     draw = (_plate_robot, _rover, _tower)[rng.integers(3)]

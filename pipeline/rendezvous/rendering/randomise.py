@@ -86,7 +86,9 @@ def draw_plausible(
     T_r0_c = observer.camera.T_r_c() @ camera_tilt(roll_rad, pitch_rad)
     T_r0_c[2, 3] += shift_m
     occluded = poses.T_w_r1 is not None and bool(rng.random() < draws.occluded_share)
-    things = _things_on_floor(rng, place, poses, observer, looks.spec, occluded=occluded, variants=variants)
+    things = _things_on_floor(
+        rng, place, poses, observer, looks.spec, occluded=occluded, draws=draws, variants=variants
+    )
     robot = looks.draw(rng, draws.robot, wear=1.0, variants=variants)
     drawn = room_scene(
         rng, place, room_looks, robot, observer.camera.intrinsics(), draws,
@@ -208,6 +210,7 @@ def _things_on_floor(
     seen: RobotSpec,
     *,
     occluded: bool,
+    draws: PoseDraws,
     variants: int,
 ) -> tuple[PlacedThing, ...]:
     """Things in view, Poisson with mean 3; occluded: and one that hides part of the robot."""
@@ -215,7 +218,7 @@ def _things_on_floor(
     taken = [(pose.x_m, pose.y_m, spec.radius_m + 0.01) for pose, spec in robots if pose is not None]
     placed: list[PlacedThing] = []
     for i in range(int(rng.poisson(3.0)) + occluded):
-        thing = draw_thing(rng, variants=variants)
+        thing = draw_thing(rng, variants=variants, look_alike_share=draws.look_alike_share)
         hides = i == 0 and occluded
         xy_m = _in_front(rng, poses, thing, seen) if hides else _in_view(rng, poses, thing)
         pose = place_on_floor(rng, thing, free=place.floor, xy_m=xy_m, taken=taken)

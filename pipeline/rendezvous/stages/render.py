@@ -23,7 +23,7 @@ from rendezvous.store.read import StageReader, chunks
 from rendezvous.store.records import Inputs, Manifest
 from rendezvous.store.tables import Layout, column_types
 
-VERSION = 3
+VERSION = 4
 LAYOUT = Layout(item_column="plan_id", uncompressed=("image",), row_group_rows=256)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
 
@@ -42,7 +42,9 @@ def train_pose(run: Run, *, out: Path | None = None, resume: bool = False) -> Pa
     initial, seen_before = (None, []) if where is None else _weights(where)
     with joined_processes(run.workers) as processes:
         model = build_pose_model(section.settings, seed=seed, initial_weights=initial, where=where or "")
-        training, validation = (read_poses(reader, split) for split in ("train", "validation"))
+        more = [replace(run, data=folder).read("pack") for folder in section.more_data]
+        training = read_poses(reader, "train", more=more)
+        validation = read_poses(reader, "validation")
         samples = validation_samples(validation, section.sampling, seed=seed, count=section.validation_images)
         folder = train_in_folder(
             run,

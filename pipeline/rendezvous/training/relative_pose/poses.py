@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -99,13 +100,17 @@ class PoseTable(PublishedRows):
         return SeenRobotKind(name=name, size_m=size_m, T_r1_o=T_r1_o)
 
 
-def read_poses(reader: StageReader, split: str) -> PoseTable:
-    """The images of one split of the published dataset.
+def read_poses(reader: StageReader, split: str, *, more: Sequence[StageReader] = ()) -> PoseTable:
+    """The images of one split of the published dataset, and of others.
 
     Raises:
-        StoreError: the folder holds no such images, or a file is missing or damaged or lacks a column.
+        StoreError: a folder holds no such images, or a file is missing or damaged or lacks a column.
     """
-    tables = read_split(reader, KIND, split, columns=COLUMNS, finite=("visibility", "T_r1_o"))
+    tables = [
+        table
+        for one in (reader, *more)
+        for table in read_split(one, KIND, split, columns=COLUMNS, finite=("visibility", "T_r1_o"))
+    ]
     return PoseTable(split, pa.concat_tables([table for table in tables if table.num_rows]))
 
 
