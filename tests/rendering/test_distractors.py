@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import shapely
 
-from rendezvous.rendering.distractors import THINGS, place_on_floor
+from rendezvous.rendering.distractors import LOOK_ALIKES, THINGS, draw_thing, place_on_floor
 from rendezvous.rendering.plan_scene import plan_meshes
 from rendezvous.rendering.thing_meshes import thing_meshes
 
@@ -95,3 +95,15 @@ def test_instances_of_a_thing_are_at_its_pose():
         np.allclose(instance.T_w[:3, 3] - part.T_t[:3, 3], [1.0, 2.0, 0.0])
         for instance, part in zip(instances, thing.parts, strict=True)
     )
+
+
+def test_a_share_of_the_things_looks_like_the_robot():
+    rng = np.random.default_rng(0)
+    drawn = [draw_thing(rng, variants=1, look_alike_share=0.7).kind for _ in range(600)]
+    expected = 0.7 + 0.3 * len(LOOK_ALIKES) / len(THINGS)
+    assert np.mean([kind in LOOK_ALIKES for kind in drawn]) == pytest.approx(expected, abs=0.06)
+    # Without a share, the draws are those of a dataset that knows of none.
+    one, other = np.random.default_rng(1), np.random.default_rng(1)
+    first = draw_thing(one, variants=1, look_alike_share=0.0)
+    assert first.kind == draw_thing(other, variants=1).kind
+    assert one.random() == other.random()

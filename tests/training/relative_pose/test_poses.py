@@ -98,3 +98,10 @@ def test_the_digest_is_of_the_content(poses: PoseTable):
     assert PoseTable("train", pa.concat_tables(halves)).digest() == poses.digest()
     assert edited(poses, "seed", [1] * len(poses)).digest() != poses.digest()
     assert tuple(poses.table.column_names) == COLUMNS
+
+
+def test_images_of_other_datasets_are_added(published):
+    reader = reader_of(published)
+    once, twice = read_poses(reader, "train"), read_poses(reader, "train", more=[reader])
+    assert len(twice) == 2 * len(once)
+    assert (twice[len(once)].image == once[0].image).all()
