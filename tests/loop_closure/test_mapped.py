@@ -118,6 +118,24 @@ def test_scans_without_a_measurement_follow_odometry() -> None:
         assert reference_error(closed.mapped.poses, drive.poses_w).translation_m.max() < 0.05
 
 
+@pytest.mark.parametrize("beyond_m", [60.0, 500.0])
+def test_a_jump_of_odometry_leaves_both_sides_of_it_whole(beyond_m: float) -> None:
+    drive = driven()
+    odometry = np.stack([drive.poses_w, drive.poses_w], axis=1)
+    odometry[30:, :, 0] += beyond_m
+    poses = closed_map(laser_log(drive), odometry).mapped.poses
+    for side in (slice(0, 30), slice(30, 60)):
+        assert reference_error(poses[side], drive.poses_w[side]).translation_m.max() < 0.05
+    assert poses[30, 0] - poses[29, 0] == pytest.approx(beyond_m, rel=0.05)
+
+
+def test_two_scans_are_enough() -> None:
+    drive = driven(scans=2)
+    closed = closed_map(laser_log(drive), np.stack([drive.poses_w, drive.poses_w], axis=1))
+    assert closed.counts.submaps == 1
+    assert closed.mapped.poses.shape == (2, 3)
+
+
 def raw_intel(real_data: Path) -> LaserLog:
     """Intel's log with the odometry as its robot recorded it."""
     logs = real_data / "logs"
