@@ -207,7 +207,7 @@ def test_maps_that_share_nothing_are_told():
     apart = replace(meeting(), T_m0_r0=SE2(60.0, 0.0, 0.0))
     result = fuse_maps(apart, SightedPose.given(T_R0_R1, FINE), None)
     assert result.overlap == 0.0
-    assert "share too little to check the alignment: 0 cells" in str(result.verdict)
+    assert "share too little to check the alignment: 0.0 m of walls" in str(result.verdict)
 
 
 def test_a_map_that_knows_nothing_is_an_error():

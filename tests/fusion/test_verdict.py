@@ -12,6 +12,7 @@ from rendezvous.fusion.fusion_input import FusionInput, SightedMode, SightedPose
 from rendezvous.fusion.merge import merged
 from rendezvous.fusion.refinement import RefinedAlignment, frame_error_prior
 from rendezvous.fusion.verdict import (
+    MOST_CONFLICTS,
     MapAgreement,
     agreement,
     alignment_doubts,
@@ -23,17 +24,16 @@ from rendezvous.fusion.verdict import (
 from rendezvous.geometry.occupancy_grid import FREE, UNKNOWN, OccupancyGrid
 from rendezvous.geometry.se2 import SE2, Array
 from tests.baselines.windows import REAL_T_M0_M1, cuts, real_maps
+from rendezvous.training.frame_error.defects import bent
 from tests.fusion.grids import constant_grid, drawn_grid, grids, poses, shown
 
 SIGMA = np.diag([0.1, 0.1, math.radians(3.0)]) ** 2
 
 
 def agreeing(
-    *, wall_share: float | None = 0.95, conflict_share: float | None = 0.02, compared: int = 400
+    *, wall_share: float | None = 0.95, conflict_share: float | None = 0.02, compared_m: float = 20.0
 ) -> MapAgreement:
-    return MapAgreement(
-        wall_share=wall_share, conflict_share=conflict_share, compared=compared, known_in_both=5000
-    )
+    return MapAgreement(wall_share=wall_share, conflict_share=conflict_share, compared_m=compared_m)
 
 
 def known_to(position_m: float, heading_rad: float) -> Array:
@@ -50,12 +50,11 @@ def refined_to(theta: SE2, covariance: Array | None = None) -> RefinedAlignment:
     ("agreement", "said"),
     [
         (agreeing(), None),
-        (agreeing(wall_share=0.61, conflict_share=0.079, compared=30), None),
-        (agreeing(conflict_share=None), None),
-        (agreeing(wall_share=0.59), "only 59% of the walls that both maps show coincide"),
-        (agreeing(conflict_share=0.09), "contradict each other in 9% of what both know"),
-        (agreeing(compared=29), "share too little to check the alignment: 29 cells of walls"),
-        (agreeing(wall_share=None, compared=0), "share too little to check the alignment: 0 cells of walls"),
+        (agreeing(wall_share=0.51, conflict_share=0.29, compared_m=3.0), None),
+        (agreeing(wall_share=0.49), "only 49% of the walls that both maps show coincide"),
+        (agreeing(conflict_share=0.31), "31% of the walls lie on the other map's floor"),
+        (agreeing(compared_m=2.9), "share too little to check the alignment: 2.9 m of walls"),
+        (agreeing(wall_share=None, conflict_share=None, compared_m=0.0), "too little to check"),
     ],
 )
 def test_maps_that_do_not_agree_are_doubted(agreement: MapAgreement, said: str | None):
@@ -170,21 +169,23 @@ def test_the_fused_map_of_a_worse_transform_agrees_less_with_the_true_one():
     assert ious[1] > 0.95 > 0.8 > ious[3]
 
 
-def test_free_against_occupied_is_a_conflict_and_unknown_is_none():
-    # Four cells are known in both, each counted both ways; two of them are contradictions.
-    found = map_agreement(shown("##..??#"), shown("#.#.#.?"), SE2.identity(), tolerance_m=0.5)
-    assert found.known_in_both == 2 * 4
-    assert found.conflict_share == pytest.approx(2 / 4)
-    assert (found.compared, found.wall_share) == (4, 0.5)
+def test_a_wall_on_floor_is_a_conflict_unless_a_wall_is_near():
+    # Cells of 0.1 m. Map 0's walls lie on a wall, beside one, on floor, and on what map 1 does not know.
+    map_0, map_1 = shown("##.#..#", resolution_m=0.1), shown("#.....?", resolution_m=0.1)
+    found = map_agreement(map_0, map_1, SE2.identity())
+    assert found.compared_m == pytest.approx(0.1 * (3 + 1))
+    assert found.wall_share == pytest.approx(3 / 4)
+    assert found.conflict_share == pytest.approx(1 / 4)
 
 
-def test_conflicts_are_counted_in_the_cells_of_both_maps():
-    coarse, fine = shown("#.", resolution_m=2.0), shown("...# ...#")
-    for pair in ((coarse, fine), (fine, coarse)):
-        found = map_agreement(*pair, SE2.identity(), tolerance_m=0.5)
-        # Both coarse cells contradict the fine map, and of the eight fine ones all but two.
-        assert found.known_in_both == 2 + 8
-        assert found.conflict_share == pytest.approx((2 + 6) / 10)
+@pytest.mark.parametrize("cell_m", [0.03, 0.05, 0.1, 0.2])
+def test_a_map_drawn_in_other_cells_agrees_with_itself(cell_m):
+    grid, _, _ = cuts(0)
+    coarse = bent(grid, SE2.identity(), amplitude_m=0.0, resolution_m=cell_m, rng=np.random.default_rng(0))
+    found = map_agreement(grid, coarse, SE2.identity())
+    assert found.wall_share > 0.95
+    assert found.conflict_share < 0.02
+    assert alignment_doubts(None, found) == []
 
 
 @given(grids, grids, poses)
@@ -192,23 +193,22 @@ def test_two_maps_agree_alike_from_either_of_them(grid_0, grid_1, T_m0_m1):
     there = map_agreement(grid_0, grid_1, T_m0_m1)
     back = map_agreement(grid_1, grid_0, T_m0_m1.inverse())
     # A cell on another's edge, within rounding, may fall on either side.
-    assert abs(there.known_in_both - back.known_in_both) <= 2
-    assert abs(there.compared - back.compared) <= 2
+    assert abs(there.compared_m - back.compared_m) <= 2 * max(grid_0.resolution_m, grid_1.resolution_m)
 
 
 def test_maps_that_share_nothing_known_have_no_agreement():
     grid = drawn_grid(0)
     found = map_agreement(grid, constant_grid(UNKNOWN, like=grid), SE2.identity())
-    assert (found.wall_share, found.conflict_share, found.compared, found.known_in_both) == (None, None, 0, 0)
+    assert (found.wall_share, found.conflict_share, found.compared_m) == (None, None, 0.0)
 
 
 def test_a_map_agrees_wholly_with_itself_and_less_with_itself_moved():
     grid, _, _ = cuts(0)
     itself, moved = map_agreement(grid, grid, SE2.identity()), map_agreement(grid, grid, SE2(0.5, 0.3, 0.0))
     assert (itself.wall_share, itself.conflict_share) == (1.0, 0.0)
-    assert itself.known_in_both == 2 * np.count_nonzero(grid.known())
+    assert itself.compared_m == pytest.approx(2 * grid.resolution_m * np.count_nonzero(grid.occupied()))
     assert moved.wall_share < 0.5
-    assert moved.conflict_share > 0.03
+    assert moved.conflict_share > MOST_CONFLICTS
 
 
 def test_real_maps_agree_best_where_they_are_registered(real_data):

@@ -203,6 +203,9 @@ def test_estimator_searches_all_headings_and_four_metres(yaw_deg):
     assert is_near(posterior.best().mean, theta, within_m=0.05, within_deg=0.5)
 
 
+NETWORK_ALONE = MatcherCalibration(of_network=1.0, of_evidence=(0.0, 0.0, 0.0, 0.0))
+
+
 def two_likely_places() -> MatcherEstimator:
     """A matcher that cannot tell, and two priors of different widths, as likely as each other."""
     matcher = wall_matcher()
@@ -211,7 +214,7 @@ def two_likely_places() -> MatcherEstimator:
         matcher.coarse_log_scale.fill_(-30.0)
     narrow = Gaussian(mean=SE2(-1.0, 0.4, -0.3), covariance=np.diag([0.05, 0.05, 0.014]) ** 2)
     wide = Gaussian(mean=SE2(1.0, 0.0, 0.3), covariance=np.diag([0.1, 0.1, 0.02]) ** 2)
-    return MatcherEstimator(model=matcher, priors=(narrow, wide))
+    return MatcherEstimator(model=matcher, priors=(narrow, wide), calibration=NETWORK_ALONE)
 
 
 def test_peaks_weigh_by_their_volume_not_their_cells():
@@ -248,7 +251,26 @@ def test_no_peak_is_counted_twice():
 
 def test_an_untrained_matcher_says_that_it_does_not_know():
     torch.manual_seed(0)
-    assert MatcherEstimator(model=Matcher(SMALL).eval())(window_of(THETA)).ambiguous
+    alone = MatcherEstimator(model=Matcher(SMALL).eval(), calibration=NETWORK_ALONE)
+    assert alone(window_of(THETA)).ambiguous
+
+
+def test_the_walls_speak_for_theta_where_the_network_says_nothing():
+    torch.manual_seed(0)
+    estimate = MatcherEstimator(model=Matcher(SMALL).eval())(window_of(THETA))
+    assert is_near(estimate.theta, THETA, within_m=0.3, within_deg=3.0)
+
+
+def test_a_large_overlap_that_contradicts_itself_loses_to_a_small_one_that_agrees():
+    """Map 1 is a corner of a room; the network prefers the room's other half, onto whose floor it would fall."""
+    estimator = two_likely_places()
+    window = window_of(THETA)
+    true = Gaussian(mean=THETA, covariance=np.diag([0.05, 0.05, 0.014]) ** 2, weight=0.01)
+    false = replace(true, mean=SE2(-1.0, 0.4, -0.3), weight=0.99)
+    told = replace(estimator, priors=(true, false))
+    assert is_near(told(window).theta, false.mean, within_m=0.3, within_deg=3.0)
+    asked = replace(told, calibration=MatcherCalibration())
+    assert is_near(asked(window).theta, THETA, within_m=0.3, within_deg=3.0)
 
 
 def test_a_prior_chooses_between_a_map_and_its_half_turn():

@@ -20,9 +20,10 @@ from rendezvous.models.matcher_calibration import (
     fitted,
     least_trusted_mass,
     most_likely_spread,
+    weights_of_witnesses,
 )
 from rendezvous.models.matcher_estimator import MatcherEstimator
-from rendezvous.models.posterior import Gaussian, Posterior, RefinedPosterior
+from rendezvous.models.posterior import Gaussian, Posterior, RefinedPosterior, Witnesses
 from tests.models.worlds import misplaced, rooms
 
 SMALL = MatcherConfig(cell_m=0.1, coarse_factor=2, fine_factor=1, channels=8, dilations=(1,))
@@ -159,3 +160,47 @@ def test_a_calibrated_covariance_is_scaled_and_has_a_floor_for_each_component():
     calibration = MatcherCalibration(scale=2.0, floor_m=0.3, floor_rad=0.1)
     expected = 2.0 * told + np.diag([0.09, 0.09, 0.01])
     np.testing.assert_allclose(calibration.covariance(np.stack([told, told])), np.stack([expected] * 2))
+
+
+def test_the_weights_of_witnesses_are_those_by_which_peaks_were_right():
+    """Peaks are drawn by known weights: of the network's score, of contradicting walls, of nothing else."""
+    rng = np.random.default_rng(2)
+    true = np.array([0.5, 0.0, -3.0, 0.0, 0.0])
+    readings = []
+    for _ in range(600):
+        columns = rng.normal(size=(4, 5))
+        p = np.exp(columns @ true)
+        right = rng.choice(4, p=p / p.sum())
+        readings.append(CalibrationPair(posterior=_peaks(columns), theta=SE2(float(right), 0.0, 0.0)))
+    found = weights_of_witnesses(readings)
+    np.testing.assert_allclose([found.of_network, *found.of_evidence], true, atol=0.4)
+    assert weights_of_witnesses([]) == MatcherCalibration()
+    wrong = [replace(reading, theta=SE2(9.0, 0.0, 0.0)) for reading in readings]
+    assert weights_of_witnesses(wrong) == MatcherCalibration()
+
+
+def _peaks(columns: Array) -> RefinedPosterior:
+    """Narrow peaks a metre apart along x, with these witnesses of each."""
+    posterior = _normal(np.array([0.01, 0.01, 0.01]))
+    piece = posterior.pieces[0]
+    pieces = [replace(piece, xs_m=piece.xs_m + k) for k in range(len(columns))]
+    witnesses = Witnesses(log_network=columns[:, 0], log_prior=np.zeros(len(columns)), evidence=columns[:, 1:])
+    return replace(posterior, pieces=tuple(pieces), masses=np.full(4, 0.2), witnesses=witnesses)
+
+
+def test_weighing_again_orders_peaks_and_keeps_what_lies_elsewhere():
+    columns = np.zeros((4, 5))
+    columns[2, 2] = -1.0
+    columns[3, 0] = 2.0
+    posterior = _peaks(columns)
+    posterior = replace(posterior, witnesses=replace(posterior.witnesses, log_prior=np.array([1.0, 0, 0, 0])))
+    found = posterior.weighed(1.0, (0.0, 3.0, 0.0, 0.0))
+    np.testing.assert_allclose(np.log(found.masses / found.masses[0]), [0.0, -1.0, -2.0, -5.0])
+    assert found.masses.sum() == pytest.approx(posterior.masses.sum())
+    assert [round(piece.middle().x_m) for piece in found.pieces] == [3, 0, 1, 2]
+    assert found.witnesses.evidence[-1, 1] == -1.0
+
+
+def test_evidence_has_a_weight_for_each_kind():
+    with pytest.raises(ConfigError, match=r"of_evidence is \[1\.0\]; must be a number .* for each of walls_on"):
+        MatcherCalibration(of_evidence=(1.0,))

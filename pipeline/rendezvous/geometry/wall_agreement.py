@@ -44,8 +44,13 @@ def _one_way(grid_a: OccupancyGrid, grid_b: OccupancyGrid, T_b_a: SE2, tolerance
 
 def count_near(points_m: Array, targets_m: Array, tolerance_m: float) -> int:
     """How many of points (N, 2) [m] have one of targets (M, 2) [m] within the tolerance, itself included."""
+    return int(np.isfinite(nearest_m(points_m, targets_m, within_m=tolerance_m)).sum())
+
+
+def nearest_m(points_m: Array, targets_m: Array, *, within_m: float) -> Array:
+    """(N,) distance from each point (N, 2) [m] to the nearest target (M, 2) [m]; infinite beyond `within_m`."""
     if not len(points_m) or not len(targets_m):
-        return 0
-    # cKDTree's bound is exclusive; the nanometre keeps cells exactly a tolerance apart whatever the rounding.
-    distance_m, _ = cKDTree(targets_m).query(points_m, distance_upper_bound=tolerance_m + 1e-9)
-    return int(np.isfinite(distance_m).sum())
+        return np.full(len(points_m), np.inf)
+    # cKDTree's bound is exclusive; the nanometre keeps cells exactly this far apart whatever the rounding.
+    distance_m: Array = cKDTree(targets_m).query(points_m, distance_upper_bound=within_m + 1e-9)[0]
+    return distance_m

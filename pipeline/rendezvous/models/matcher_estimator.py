@@ -13,11 +13,12 @@ import torch
 from torch import Tensor
 
 from rendezvous.alignment.estimate import Estimate
+from rendezvous.alignment.evidence import WindowEvidence, coarse_evidence
 from rendezvous.alignment.window import DEFAULT_SEARCH, MapWindow, SearchRange
 from rendezvous.errors import ConfigError
 from rendezvous.geometry.occupancy_grid import Cells
 from rendezvous.geometry.se2 import SE2, Array
-from rendezvous.models.matcher import Features, Matcher
+from rendezvous.models.matcher import Features, Matcher, se2_scores
 from rendezvous.models.matcher_calibration import MatcherCalibration
 from rendezvous.models.posterior import (
     WHOLE,
@@ -25,6 +26,7 @@ from rendezvous.models.posterior import (
     Mode,
     Posterior,
     RefinedPosterior,
+    Witnesses,
     log_prior,
     log_sum_exp,
 )
@@ -57,8 +59,8 @@ class MatcherEstimator:
     model: Matcher
     search: SearchRange = DEFAULT_SEARCH
     priors: tuple[Gaussian, ...] = ()
-    peaks: int = 8
-    negligible: float = 0.01
+    peaks: int = 16
+    negligible: float = 1e-4
     calibration: MatcherCalibration = field(default_factory=MatcherCalibration)
     uses_sight: bool = True
 
@@ -95,27 +97,57 @@ class MatcherEstimator:
         sight = window.sight if self.uses_sight else None
         sight = np.zeros_like(window.cells) if sight is None else sight
         features = self.model.features(*(self._cells(layer) for layer in (window.cells, sight)))
-        seen = self._coarse(features)
+        evidence = WindowEvidence.of(window, uses_sight=self.uses_sight)
+        network = self._coarse(features)
+        seen = self._with_coarse_evidence(network, evidence)
         priors = (p.through_cells(config.coarse_cell_m, config.heading_step_rad) for p in self.priors)
         coarse = seen.times_prior(*priors) if self.priors else seen
-        rest, log_weights = coarse, list[float]()
-        pieces = list[Posterior]()
+        rest = coarse
+        log_network, log_with_prior, pieces = list[float](), list[float](), list[Posterior]()
         for mode in self._worth_a_look(coarse):
             rest = rest.without(mode.peak)
             volume = self._close_look(features, coarse.mean_and_covariance(mode).mean)
             if any(piece.holds(volume.middle()) for piece in pieces):
                 continue  # a shoulder, from which the look has moved on to the same peak
-            scores = volume.log_p_HYX + float(self.model.carried_weight) * seen.log_p_at(mode.peak)
-            log_weights.append(log_sum_exp(scores) + math.log(math.prod(volume.steps)))
+            carried = float(self.model.carried_weight) * network.log_p_at(mode.peak)
+            carried += math.log(math.prod(volume.steps))
+            log_network.append(log_sum_exp(volume.log_p_HYX - self._log_prior(volume)) + carried)
+            log_with_prior.append(log_sum_exp(volume.log_p_HYX) + carried)
             pieces.append(self._sharpened(volume).normalised())
         # What no close look was taken at keeps its coarse probability.
         inside = 1.0 - math.exp(log_sum_exp(rest.log_p_HYX))
-        logs = np.array(log_weights)
-        masses = inside * np.exp(logs - log_sum_exp(logs))
-        order = np.argsort(-masses, kind="stable")
-        return RefinedPosterior(
-            coarse=coarse, pieces=tuple(pieces[k] for k in order), masses=masses[order], rest=rest
+        witnesses = Witnesses(
+            log_network=np.array(log_network),
+            log_prior=np.array(log_with_prior) - np.array(log_network),
+            evidence=evidence.of_alignments([piece.middle_of_mass().mean for piece in pieces]),
         )
+        found = RefinedPosterior(
+            coarse=coarse,
+            pieces=tuple(pieces),
+            masses=np.full(len(pieces), inside / len(pieces)),
+            rest=rest,
+            witnesses=witnesses,
+        )
+        return found.weighed(self.calibration.of_network, self.calibration.of_evidence)
+
+    def _with_coarse_evidence(self, network: Posterior, evidence: WindowEvidence) -> Posterior:
+        """The coarse likelihood with what walls say at each of its cells."""
+        calibration = self.calibration
+        of_walls = np.array(calibration.of_evidence[:2])
+        tempered = calibration.of_network * network.log_p_HYX
+        if not of_walls.any():
+            return replace(network, log_p_HYX=tempered).normalised()
+        cell_m = self.model.config.coarse_cell_m
+        (walls_0, near_0, floor_0), (walls_1, near_1, floor_1) = evidence.pooled(self.model.config.coarse_factor)
+        lengths = []
+        slides = torch.from_numpy(network.xs_m / cell_m).to(self.model.carried_weight)
+        slides = slides.expand(1, network.headings_rad.size, -1)
+        for layers_0, layers_1 in (((walls_0, near_0), (near_1, walls_1)), ((walls_0, floor_0), (floor_1, walls_1))):
+            a, b = (self._tensor(np.stack(layers)) for layers in (layers_0, layers_1))
+            scores = se2_scores(a, b, self._tensor(network.headings_rad), slides, slides, whole_range=True)
+            lengths.append(scores[0].double().cpu().numpy())
+        log_odds = coarse_evidence(*lengths) @ of_walls
+        return replace(network, log_p_HYX=tempered + log_odds).normalised()
 
     def _worth_a_look(self, coarse: Posterior) -> tuple[Mode, ...]:
         """The highest coarse peaks, until no more than a negligible probability is left."""

@@ -103,6 +103,10 @@ class Posterior:
         R_back = SE2(0.0, 0.0, -moments.mean.yaw_rad).matrix()
         return replace(moments, covariance=R_back @ moments.covariance @ R_back.T)
 
+    def middle_of_mass(self) -> Gaussian:
+        """The first two moments of the whole volume about its highest peak."""
+        return self.mean_and_covariance(self.modes(1)[0], box=WHOLE)
+
     def moments(self, centre: SE2, *, box: HalfWidths) -> Gaussian:
         """Like `mean_and_covariance`, but with the covariance along the axes of the grid.
 
@@ -185,6 +189,28 @@ COARSE_SHARE = 0.01
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Witnesses:
+    """What speaks for each peak of a posterior."""
+
+    log_network: Array  # (K,) log of the integral of the network's scores
+    log_prior: Array  # (K,) log of the factor by which priors change it
+    evidence: Array  # (K, 4) of the maps, see `rendezvous.alignment.evidence`
+
+    def log_odds(self, of_network: float, of_evidence: Sequence[float]) -> Array:
+        """(K,) log of each peak's mass up to a constant."""
+        total: Array = of_network * self.log_network + self.log_prior + self.evidence @ np.array(of_evidence)
+        return total
+
+    def of_peaks(self, order: NDArray[np.int64]) -> Witnesses:
+        """Those of these peaks."""
+        return Witnesses(
+            log_network=self.log_network[order],
+            log_prior=self.log_prior[order],
+            evidence=self.evidence[order],
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class RefinedPosterior:
     """A posterior that is fine around its peaks and coarse elsewhere."""
 
@@ -192,16 +218,29 @@ class RefinedPosterior:
     pieces: tuple[Posterior, ...]  # close looks at each peak, each normalised, the most probable first
     masses: Array  # (K,) their probabilities
     rest: Posterior  # the coarse posterior away from all peaks; its sum and the masses add up to 1
+    witnesses: Witnesses | None = None  # what the masses are made of, of the pieces in the same order
 
     def sharpened(self, sharpness: float) -> RefinedPosterior:
         """Each piece's density to this power, normalised again; its mass stays."""
         pieces = (replace(p, log_p_HYX=sharpness * p.log_p_HYX).normalised() for p in self.pieces)
         return replace(self, pieces=tuple(pieces))
 
+    def weighed(self, of_network: float, of_evidence: Sequence[float]) -> RefinedPosterior:
+        """The same pieces with masses of other weights, the most probable first."""
+        assert self.witnesses is not None, "a posterior without witnesses cannot be weighed again"
+        logs = self.witnesses.log_odds(of_network, of_evidence)
+        masses = self.masses.sum() * np.exp(logs - log_sum_exp(logs))
+        order = np.argsort(-masses, kind="stable")
+        return replace(
+            self,
+            pieces=tuple(self.pieces[k] for k in order),
+            masses=masses[order],
+            witnesses=self.witnesses.of_peaks(order),
+        )
+
     def best(self) -> Gaussian:
         """Mean and covariance of the most probable piece."""
-        piece = self.pieces[0]
-        return piece.mean_and_covariance(piece.modes(1)[0], box=WHOLE)
+        return self.pieces[0].middle_of_mass()
 
     def log_density(self, theta: SE2) -> float:
         """Log of the probability density at θ [1 / (m² rad)]; it integrates to 1."""

@@ -142,10 +142,9 @@ def test_what_it_writes_can_be_read(given: Path, tmp_path: Path):
     assert result.before.wall_share < result.after.wall_share
     for told_of, agreement in (("agreement_before", result.before), ("agreement_after", result.after)):
         assert told[told_of] == {
+            "compared_m": agreement.compared_m,
             "wall_share": agreement.wall_share,
             "conflict_share": agreement.conflict_share,
-            "compared_cells": agreement.compared,
-            "cells_known_in_both": agreement.known_in_both,
         }
     said = summary(result, tmp_path).splitlines()
     before, after = (f"{100.0 * found.wall_share:.0f}%" for found in (result.before, result.after))

@@ -16,8 +16,8 @@ lengths in metres, angles in radians, poses as `x_m, y_m, yaw_rad`, and null for
   `T_r0_r1^-1 T_true`) with `degrees_of_freedom`, `mass` (probability), `images` it rests on. `images`: for
   each its `name`, whether the robot was `found`, `score`, the `reason` if not, and the `modes` it may have.
 - `overlap`: cells known in both maps / in either. `agreement_before`, `agreement_after` the refinement:
-  `wall_share` of walls that coincide, `conflict_share` of contradicting cells, and how many cells each was
-  computed from (`compared_cells`, `cells_known_in_both`).
+  `compared_m`, the length of either map's walls where the other is known, `wall_share` of it that coincides
+  with walls and `conflict_share` that lies on floor there.
 - `seconds` per part, `inputs` as given (sigmas and camera pose in metres and radians), `weights` of the
   networks used (`file`, `sha256`), `warnings`, `files` beside the record, `versions` of packages.
 """
@@ -253,10 +253,9 @@ def _tails(degrees_of_freedom: float) -> float | None:
 
 def _agreement(agreement: MapAgreement) -> dict[str, Any]:
     return {
+        "compared_m": agreement.compared_m,
         "wall_share": agreement.wall_share,
         "conflict_share": agreement.conflict_share,
-        "compared_cells": agreement.compared,
-        "cells_known_in_both": agreement.known_in_both,
     }
 
 

@@ -95,7 +95,9 @@ def load(data: bytes, name: str, search: SearchRange, *, where: str, threads: in
     with _whole_record(where):
         with torch.device("meta"):  # what the record claims may be larger than the memory
             claimed = rebuilt_model(kind, record["network"], sampling)
-        calibration = MatcherCalibration.from_dict(record.get("calibration", MatcherCalibration().as_dict()))
+        calibration = MatcherCalibration.from_dict(
+            {**MatcherCalibration().as_dict(), **record.get("calibration", {})}
+        )
     require_fit(claimed, _averaged(found), where=where)
     model = rebuilt_model(kind, record["network"], sampling)
     _fill_in_place(model, found, where=where)
