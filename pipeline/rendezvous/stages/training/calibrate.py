@@ -13,9 +13,11 @@ from rendezvous.errors import ConfigError
 from rendezvous.models.matcher_calibration import CalibrationPair, MatcherCalibration, fitted
 from rendezvous.models.matcher_estimator import MatcherEstimator
 from rendezvous.stages.weights.trained_estimators import load
+from rendezvous.seeds import stream
 from rendezvous.store.disk import Disk
 from rendezvous.store.read import StageReader
 from rendezvous.training.checkpoint import read_checkpoint, with_record
+from rendezvous.training.frame_error.augmentation import Augmentation, augmented
 from rendezvous.training.frame_error.pairs import (
     PairTable,
     PerturbationRange,
@@ -23,16 +25,24 @@ from rendezvous.training.frame_error.pairs import (
     perturbed_pair,
     read_pairs,
 )
+from rendezvous.training.frame_error.short_visits import ShortVisits, of_short_visits
 
 PAIRS = 400  # enough, spread evenly over the validation split, to measure a coverage to within three points
 _SPLIT = "validation"
 LEAST_PAIRS = 20
+CHANGES = Augmentation(
+    untouched=0.0, furniture=1.0, cut=0.0, bend=0.0, resolution=0.0, rescan=0.0, spurious=0.0, thick=0.0,
+    ragged=0.0, patches=0.0, specks=0.0,
+)  # fmt: skip
+"""Between the visits: furniture alone."""
 
 
 def calibrate(
     weights: Path, dataset: str, *, seed: int, threads: int, count: int = PAIRS, console: Console
 ) -> MatcherCalibration:
     """Write a calibration into the file of a matcher's weights; the weights themselves stay the same.
+
+    Each pair is read twice: as it is, and as after short visits between which furniture was moved.
 
     Raises:
         StoreError: weights or dataset are missing or damaged.
@@ -48,7 +58,7 @@ def calibrate(
     readings = _readings(estimator, pairs, seed, count, console)
     if len(readings) < LEAST_PAIRS:
         raise ConfigError(
-            f"{dataset}: {len(readings)} validation pairs show both maps; a calibration needs {LEAST_PAIRS}"
+            f"{dataset}: {len(readings)} readings of validation pairs show both maps; a calibration needs {LEAST_PAIRS}"
         )
     calibration = fitted(readings)
     calibrated_on = {"pairs": len(readings), "data": pairs.digest()}
@@ -76,10 +86,13 @@ def _readings(
     with meter("calibrate", total=count, console=console, parts="pairs", rows="pairs") as progress:
         for place in np.linspace(0, len(pairs) - 1, count).round():
             pair = pairs[int(place)]
-            perturbation = evaluation_perturbation(pair.pair_id, PerturbationRange(), seed=seed)
-            sample = perturbed_pair(pair, perturbation)
-            if sample.window.cells.any(axis=(1, 2)).all():
-                posterior = estimator.posterior(sample.window)
-                readings.append(CalibrationPair(posterior=posterior, theta=sample.theta_v))
+            rng = stream(seed, "calibration", pair.pair_id)
+            changed = of_short_visits(augmented(pair, CHANGES, rng), ShortVisits(), rng)
+            for one in (pair, changed):
+                perturbation = evaluation_perturbation(pair.pair_id, PerturbationRange(), seed=seed)
+                sample = perturbed_pair(one, perturbation)
+                if sample.window.cells.any(axis=(1, 2)).all():
+                    posterior = estimator.posterior(sample.window)
+                    readings.append(CalibrationPair(posterior=posterior, theta=sample.theta_v))
             progress.advance(1, made=True)
     return readings
