@@ -13,7 +13,7 @@ from pathlib import Path
 
 import yaml
 
-from rendezvous.config.stage_table import STAGES
+from rendezvous.config.stage_table import STAGES, Stage
 from rendezvous.evaluation.dataset.tables import column_table, markdown_table
 from rendezvous.resources import ROOT
 from rendezvous.schema import PAIRS, POSES
@@ -43,12 +43,19 @@ def _stages() -> str:
         (
             f"[`{stage.name}`](pipeline/rendezvous/stages/{stage.name}.py)",
             ", ".join(f"`data/{links[read]['writes']}/`" for read in stage.reads),
-            f"`{'' if stage.beside_data else 'data/'}{links[stage.name]['writes']}/`",
+            f"`{_above(stage)}{links[stage.name]['writes']}/`",
             stage.about,
         )
         for stage in STAGES.values()
     ]
     return markdown_table(("stage", "reads", "writes", "what it does"), rows)
+
+
+def _above(stage: Stage) -> str:
+    """The folder in which a stage's own lies."""
+    if stage.apart:
+        return "data/replayed/"
+    return "" if stage.beside_data else "data/"
 
 
 def _rooms() -> str:

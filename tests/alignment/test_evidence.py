@@ -8,14 +8,22 @@ import numpy as np
 import pytest
 
 from rendezvous.alignment.evidence import WindowEvidence, coarse_evidence
-from rendezvous.alignment.window import FREE_CELL, OCCUPIED_CELL, UNKNOWN_CELL, MapWindow, RobotSight, seen_from
+from rendezvous.alignment.window import (
+    FREE_CELL,
+    OCCUPIED_CELL,
+    UNKNOWN_CELL,
+    MapWindow,
+    RobotSight,
+    seen_from,
+)
 from rendezvous.geometry.se2 import SE2
 
 CELL_M = 0.05
+IN_PLACE = SE2.identity()
 WALL_M = 40 * CELL_M  # of map 0, which knows floor to both sides of it
 
 
-def _window(theta: SE2 = SE2.identity(), *, sight: bool = False) -> MapWindow:
+def _window(theta: SE2 = IN_PLACE, *, sight: bool = False) -> MapWindow:
     """A wall along x with floor 1 m to both sides, and the same map placed wrongly by θ."""
     cells = np.zeros((2, 120, 120), np.uint8)
     rows, cols = np.mgrid[:120, :120]

@@ -67,8 +67,8 @@ def test_every_command_explains_itself(name: str):
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (("meshes", "--set", "meshes.wall_height=3"), "the nearest known key is 'wall_height_m'"),
-        (("meshes", "--preset", "huge"), "presets are smoke, default, poses, pathtraced, large, paper"),
+        (("meshes", "--set", "meshes.wall_height=3"), "the nearest known key is 'meshes.wall_height_m'"),
+        (("meshes", "--preset", "huge"), "presets are smoke, default, poses, maps, pathtraced, large, paper"),
         (("meshes", "--engine", "spark"), "--engine is 'spark'; must be one of local, inline, ray"),
         (("meshes", "--config", "nowhere.yaml"), "nowhere.yaml: no such file or directory"),
         (("meshes", "--data", ""), "--data is ''; must name a folder or be a URI"),

@@ -100,11 +100,12 @@ def test_parameters_are_told_by_their_full_keys_without_those_left_out():
     [
         (
             "explore.episode_per_plan=3",
-            "unknown key 'explore.episode_per_plan'; the nearest known key is 'episodes_per_plan'",
+            "unknown key 'explore.episode_per_plan'; the nearest known key is 'explore.episodes_per_plan'",
         ),
         (
             "floorplans.generate.plans.romms=[3, 4]",
-            "unknown key 'floorplans.generate.plans.romms'; the nearest known key is 'rooms'",
+            "unknown key 'floorplans.generate.plans.romms'; the nearest known key is "
+            "'floorplans.generate.plans.rooms'",
         ),
         ("floorplan.sources=[]", "unknown key 'floorplan'; the nearest known key is 'floorplans'"),
         ("explore.episode.lidar_noise={}", "is gone; it is now lidar.noise of the robot file"),
@@ -172,7 +173,7 @@ def test_a_fault_names_the_layer_that_it_is_in(edited):
 
 
 def test_unknown_keys_around_the_parameters_are_faults_too(edited):
-    assert "the nearest known key is 'reads'" in message_of(
+    assert "the nearest known key is 'stages.meshes.reads'" in message_of(
         path=edited("reads: [floorplans]", "read: [floorplans]")
     )
     assert "the nearest known key is 'presets'" in message_of(path=edited("presets:", "preset:"))

@@ -262,7 +262,7 @@ def test_the_walls_speak_for_theta_where_the_network_says_nothing():
 
 
 def test_a_large_overlap_that_contradicts_itself_loses_to_a_small_one_that_agrees():
-    """Map 1 is a corner of a room; the network prefers the room's other half, onto whose floor it would fall."""
+    """The prior prefers a placement that lays walls on floor, and the network says nothing."""
     estimator = two_likely_places()
     window = window_of(THETA)
     true = Gaussian(mean=THETA, covariance=np.diag([0.05, 0.05, 0.014]) ** 2, weight=0.01)

@@ -184,7 +184,9 @@ def _peaks(columns: Array) -> RefinedPosterior:
     posterior = _normal(np.array([0.01, 0.01, 0.01]))
     piece = posterior.pieces[0]
     pieces = [replace(piece, xs_m=piece.xs_m + k) for k in range(len(columns))]
-    witnesses = Witnesses(log_network=columns[:, 0], log_prior=np.zeros(len(columns)), evidence=columns[:, 1:])
+    witnesses = Witnesses(
+        log_network=columns[:, 0], log_prior=np.zeros(len(columns)), evidence=columns[:, 1:]
+    )
     return replace(posterior, pieces=tuple(pieces), masses=np.full(4, 0.2), witnesses=witnesses)
 
 
@@ -202,5 +204,7 @@ def test_weighing_again_orders_peaks_and_keeps_what_lies_elsewhere():
 
 
 def test_evidence_has_a_weight_for_each_kind():
-    with pytest.raises(ConfigError, match=r"of_evidence is \[1\.0\]; must be a number .* for each of walls_on"):
+    with pytest.raises(
+        ConfigError, match=r"of_evidence is \[1\.0\]; must be a number .* for each of walls_on"
+    ):
         MatcherCalibration(of_evidence=(1.0,))

@@ -27,8 +27,8 @@ contradict it. What lies between is neither."""
 NEARBY_M = 0.25  # the same, one for both, where alignments are only known to a coarse cell
 EVIDENCE = ("walls_on_walls", "walls_on_floor", "floor_on_floor", "hidden_robots")
 """Logarithms of the lengths of wall, of both maps together [m], and of the area [m²], each with a bit added
-(`_AT_LEAST`); the share of both robots that the other does not see, 0 to 2. Walls on what the other map does not
-know count nowhere. Logarithms, because cells are no independent witnesses: neighbours err together."""
+(`_AT_LEAST`); the share of both robots that the other does not see, 0 to 2. Walls on what the other map does
+not know count nowhere. Logarithms, because cells are no independent witnesses: neighbours err together."""
 _AT_LEAST = np.array([0.5, 0.5, 1.0])
 
 
@@ -71,8 +71,8 @@ class WindowEvidence:
         return np.column_stack([np.log(counted[:, :3] + _AT_LEAST), counted[:, 3]])
 
     def pooled(self, factor: int) -> Array:
-        """(2, 3, N / factor, N / factor) of both maps: metres of wall in each block, and the shares of it that
-        lie near walls and on floor away from them."""
+        """(2, 3, N / factor, N / factor) of both maps: metres of wall in each block, and the shares of it
+        that lie near walls and on floor away from them."""
         walls = (self.cells == OCCUPIED_CELL) * (self.cell_m * factor**2)
         near = np.stack([distance <= NEARBY_M for distance in self.distance_m])
         floor = (self.cells == FREE_CELL) & ~near
@@ -100,13 +100,19 @@ class WindowEvidence:
 
 def _centres(mask: NDArray[np.bool_], cell_m: float) -> Array:
     """(M, 2) centres of cells in v."""
-    centres: Array = (np.argwhere(mask)[:, ::-1] - (0.5 * len(mask) - 0.5)) * cell_m
-    return np.ascontiguousarray(centres)
+    centres = (np.argwhere(mask)[:, ::-1] - (0.5 * len(mask) - 0.5)) * cell_m
+    return np.ascontiguousarray(centres, np.float64)
 
 
 @njit
 def _walls(
-    points_m: Array, motion: Array, distance_m: Array, cells: Cells, cell_m: float, near_m: float, far_m: float
+    points_m: Array,
+    motion: Array,
+    distance_m: Array,
+    cells: Cells,
+    cell_m: float,
+    near_m: float,
+    far_m: float,
 ) -> Array:
     """(2,) number of moved points on the other map's walls, and on its floor away from them."""
     size, centre = cells.shape[0], 0.5 * cells.shape[0] - 0.5

@@ -130,6 +130,7 @@ def _make_dataset(run: Run) -> None:
             from rendezvous.stages.pack import check_splits
 
             check_splits(run.config.pack, run.read("floorplans"))
+    run.say(f"dataset: written to {run.folder('pack')}, whose README.md describes it")
 
 
 for _stage in DATASET_STAGES:

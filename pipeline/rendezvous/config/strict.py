@@ -90,9 +90,7 @@ def _fault_line(fault: Any, section: type[BaseModel], file: str, layers: Layers)
     if key in _MOVED:
         return f"{where}: key {key!r} is gone; it is now {_MOVED[key]}"
     if fault["type"] in _UNKNOWN_KEY:
-        return (
-            f"{where}: unknown key {key!r:.100}; {_nearest(str(path[-1]), _known_keys(section, path[:-1]))}"
-        )
+        return f"{where}: unknown key {key!r:.100}; {_nearest(path, _known_keys(section, path[:-1]))}"
     if fault["type"] in _MISSING_KEY:
         return f"{where}: key {key!r} is missing"
     return f"{where}: {key} is {fault['input']!r:.60}; {fault['msg'].replace('Input should', 'must')}"
@@ -122,9 +120,11 @@ def _field_types(model: Any) -> dict[str, Any]:
     return {field.name: hints[field.name] for field in dataclasses.fields(model)}
 
 
-def _nearest(key: str, known: Sequence[str]) -> str:
-    near = difflib.get_close_matches(key, known, n=1, cutoff=0.5)
-    return f"the nearest known key is {near[0]!r}" if near else f"known keys are {', '.join(known)}"
+def _nearest(path: Sequence[str | int], known: Sequence[str]) -> str:
+    near = difflib.get_close_matches(str(path[-1]), known, n=1, cutoff=0.5)
+    if not near:
+        return f"known keys are {', '.join(known)}"
+    return f"the nearest known key is {'.'.join(map(str, (*path[:-1], near[0])))!r}"
 
 
 class _Loader(BoundedLoader):

@@ -67,9 +67,9 @@ def agreement(grid_a: OccupancyGrid, grid_b: OccupancyGrid, tolerance_m: float) 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MapAgreement:
-    """How the walls of two maps agree where the other map is known; lengths and shares are of both maps' walls.
+    """How the walls of both maps agree where the other map is known.
 
-    A wall of cells is as long as its cells are wide together, so that maps in cells of any size compare alike.
+    A wall is as long as its cells are wide together, so that maps in cells of any size compare alike.
     """
 
     compared_m: float  # length of the walls in the other map's known area [m]
@@ -79,15 +79,19 @@ class MapAgreement:
     conflict_share: float | None
 
 
-def map_agreement(grid_0: OccupancyGrid, grid_1: OccupancyGrid, T_m0_m1: SE2) -> MapAgreement:
+def map_agreement(
+    grid_0: OccupancyGrid, grid_1: OccupancyGrid, T_m0_m1: SE2, *, coincide_m: float = COINCIDE_M
+) -> MapAgreement:
     """Compare the walls of two maps, each with the other, with map 1 placed by `T_m0_m1`.
 
-    Walls coincide within 0.10 m and contradict the other map's floor beyond 0.15 m, or 0.75 and 1.25 of the
-    wider cells' sides, where centres can lie no closer.
+    Walls coincide within `coincide_m` and contradict the other map's floor beyond 0.15 m, or 0.75 and 1.25 of
+    the wider cells' sides, where centres can lie no closer.
     """
     cell_m = max(grid_0.resolution_m, grid_1.resolution_m)
-    limits_m = max(COINCIDE_M, 0.75 * cell_m), max(APART_M, 1.25 * cell_m)
-    lengths_m = _walls_m(grid_0, grid_1, T_m0_m1.inverse(), limits_m) + _walls_m(grid_1, grid_0, T_m0_m1, limits_m)
+    limits_m = max(coincide_m, 0.75 * cell_m), max(APART_M, 1.25 * cell_m)
+    lengths_m = _walls_m(grid_0, grid_1, T_m0_m1.inverse(), limits_m) + _walls_m(
+        grid_1, grid_0, T_m0_m1, limits_m
+    )
     compared_m, same_m, contradicting_m = lengths_m.tolist()
     return MapAgreement(
         compared_m=compared_m,
@@ -96,7 +100,9 @@ def map_agreement(grid_0: OccupancyGrid, grid_1: OccupancyGrid, T_m0_m1: SE2) ->
     )
 
 
-def _walls_m(grid_a: OccupancyGrid, grid_b: OccupancyGrid, T_b_a: SE2, limits_m: tuple[float, float]) -> Array:
+def _walls_m(
+    grid_a: OccupancyGrid, grid_b: OccupancyGrid, T_b_a: SE2, limits_m: tuple[float, float]
+) -> Array:
     """(3,) [m] of a's walls: where b is known; of these, on b's walls; on b's floor away from them."""
     coincide_m, apart_m = limits_m
     walls_b = T_b_a @ grid_a.cell_centres(grid_a.occupied())
@@ -107,7 +113,9 @@ def _walls_m(grid_a: OccupancyGrid, grid_b: OccupancyGrid, T_b_a: SE2, limits_m:
     return grid_a.resolution_m * np.array(counts, np.float64)
 
 
-AROUND_ROBOT_M = 0.25  # a map knows at least something this close to its robot: the floor that it stands on
+AROUND_ROBOT_M = 1.5
+"""A map knows something this close to its robot. Its own floor it need not know: a lidar that looks ahead has
+seen it once or never where scans are far apart."""
 LEAST_SCORE = 0.5  # a detection below is likelier something else: scores are calibrated probabilities
 LEAST_BEST_MASS = 0.9  # needed of a sighting's best mode without refinement: a wrong one spoils the map
 VERDICT_SIGMAS = 2.0
@@ -117,11 +125,11 @@ SURPRISING = 0.999
 """An estimate this improbable by the sighting means that one of them is wrong: by chance it happens once
 in a thousand."""
 LEAST_COMPARED_M = 3.0
-"""Less wall of both maps together proves nothing: on recorded pairs right alignments share 5.7 m and more in 99
-of 100, and half of the wrong ones less than 3.2 m."""
+"""Less wall of both maps together proves nothing: on recorded pairs right alignments share 5.7 m and more in
+99 of 100, and half of the wrong ones less than 3.2 m."""
 LEAST_WALL_SHARE, MOST_CONFLICTS = 0.5, 0.3
-"""Share of these walls that coincide, and that lie on the other map's floor: right alignments of recorded and of
-changed scenes have at most 0.28 of the second in 99 of 100."""
+"""Share of these walls that coincide, and that lie on the other map's floor: right alignments of recorded and
+of changed scenes have at most 0.28 of the second in 99 of 100."""
 AGREEMENT_MARGIN = 0.05  # a fall in agreement by less than this is rounding to cells
 
 

@@ -48,7 +48,7 @@ def count_near(points_m: Array, targets_m: Array, tolerance_m: float) -> int:
 
 
 def nearest_m(points_m: Array, targets_m: Array, *, within_m: float) -> Array:
-    """(N,) distance from each point (N, 2) [m] to the nearest target (M, 2) [m]; infinite beyond `within_m`."""
+    """(N,) distance [m] from points (N, 2) to the nearest target (M, 2); infinite beyond `within_m`."""
     if not len(points_m) or not len(targets_m):
         return np.full(len(points_m), np.inf)
     # cKDTree's bound is exclusive; the nanometre keeps cells exactly this far apart whatever the rounding.

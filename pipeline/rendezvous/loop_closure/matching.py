@@ -14,7 +14,7 @@ import numpy as np
 
 from rendezvous.alignment.estimate import FrameErrorEstimator
 from rendezvous.alignment.window import SearchRange, map_window
-from rendezvous.fusion.verdict import LEAST_WALL_SHARE, MOST_CONFLICTS, map_agreement
+from rendezvous.fusion.verdict import MOST_CONFLICTS, map_agreement
 from rendezvous.geometry.occupancy_grid import OccupancyGrid
 from rendezvous.geometry.se2 import SE2, Array
 from rendezvous.loop_closure.submaps import REACH_M, Submap, honest
@@ -29,6 +29,7 @@ WIDEST = SearchRange(xy_m=4.0, yaw_rad=math.radians(45.0))
 WINDOW_M = 19.2  # side of the window
 _TURN_RAD = math.radians(22.5)  # of the window against the cells of submaps, which then err each its own way
 _TOLERANCE_M = 0.15  # walls this close to each other agree
+_LEAST_WALL_SHARE = 0.6
 _LEAST_COMPARED_M2 = 0.6  # area of the walls in both maps that must have been compared
 _BENT_M, _BENT_RAD = 0.03, math.radians(0.3)  # sigma of what a submap is bent by
 _GATES_M = (0.3, 0.15)  # of the registration, one after the other
@@ -75,12 +76,12 @@ class LoopMatcher:
     def _agree(self, loop: Loop) -> bool:
         """Whether there are walls in both submaps, on each other, and none where the other saw floor."""
         found = map_agreement(
-            self._grid(loop.a), self._grid(loop.b), SE2.from_array(loop.T_a_b), tolerance_m=_TOLERANCE_M
+            self._grid(loop.a), self._grid(loop.b), SE2.from_array(loop.T_a_b), coincide_m=_TOLERANCE_M
         )
         return (
-            found.compared * self._cell_m**2 >= _LEAST_COMPARED_M2
+            found.compared_m * self._cell_m >= _LEAST_COMPARED_M2
             and found.wall_share is not None
-            and found.wall_share >= LEAST_WALL_SHARE
+            and found.wall_share >= _LEAST_WALL_SHARE
             and found.conflict_share is not None
             and found.conflict_share <= MOST_CONFLICTS
         )

@@ -1,11 +1,11 @@
 """Calibrates a matcher's confidence to its errors, on validation pairs.
 
-The network sums over cells, and so prefers a large overlap to a true one: how much each peak's agreement counts
-beside the network's score is fitted first, as in a conditional logit (McFadden, 1974) of the right peak among
-all. A matcher is trained on maps with many defects, and is underconfident on maps without: its posterior is
-sharpened. A label is exact where the robots meet; away from there maps drift, now and then by much, which no
-window shows: covariances get a floor, and errors are modelled by a Student's t distribution. Estimates are
-called ambiguous below a probability that depends on the wrong ones among the pairs.
+The network sums over cells, and so prefers a large overlap to a true one: how much each peak's agreement
+counts beside the network's score is fitted first, as in a conditional logit (McFadden, 1974) of the right
+peak among all. A matcher is trained on maps with many defects, and is underconfident on maps without: its
+posterior is sharpened. A label is exact where the robots meet; away from there maps drift, now and then by
+much, which no window shows: covariances get a floor, and errors are modelled by a Student's t distribution.
+Estimates are called ambiguous below a probability that depends on the wrong ones among the pairs.
 
 Legend: P pair.
 """
@@ -34,7 +34,7 @@ _FIRST_GUESS = (0.5, 0.005, 0.003, 3.0)
 """Scale, floor of x and y [m], floor of yaw [rad], degrees of freedom above 2."""
 RIGHT_M, RIGHT_RAD = 0.3, math.radians(3.0)  # errors of a right peak are at most these
 PULL = 1e-3  # of the weights of witnesses towards zero
-WRONG_SHARE, FLAGGED_SHARE = 0.005, 0.5
+WRONG_SHARE, FLAGGED_SHARE = 0.01, 0.5
 """At most this share of the estimates that are not flagged may be wrong, and at most this share may be
 flagged."""
 
@@ -60,8 +60,8 @@ class MatcherCalibration(Config):
         )  # fmt: skip
         if len(self.of_evidence) != len(EVIDENCE) or not all(abs(w) <= 1e3 for w in self.of_evidence):
             raise ConfigError(
-                f"MatcherCalibration: of_evidence is {list(self.of_evidence)}; must be a number from -1000 to "
-                f"1000 for each of {', '.join(EVIDENCE)}"
+                f"MatcherCalibration: of_evidence is {list(self.of_evidence)}; must be a number from -1000 "
+                f"to 1000 for each of {', '.join(EVIDENCE)}"
             )
 
     def covariance(self, covariance: Array) -> Array:
@@ -75,25 +75,32 @@ class CalibrationPair:
 
     posterior: RefinedPosterior
     theta: SE2
+    like_real: bool = False  # its maps were given the defects of real ones
 
 
 def fitted(readings: Sequence[CalibrationPair]) -> MatcherCalibration:
     """The calibration that fits best.
 
-    First the weights of what speaks for each peak; then the threshold of ambiguity; then, on the pairs above it,
-    by likelihood of the truth, the sharpness of the density and the spread of the errors.
+    First the weights of what speaks for each peak; then the threshold of ambiguity; then, on the pairs above
+    it, by likelihood of the truth, the sharpness of the density and the spread of the errors: of those with
+    maps like real ones, if there are any.
     """
-    weights = weights_of_witnesses(readings)
-    readings = [
-        replace(reading, posterior=reading.posterior.weighed(weights.of_network, weights.of_evidence))
-        for reading in readings
-        if reading.posterior.witnesses is not None
-    ] or readings
-    mass_P = np.array([reading.posterior.masses[0] for reading in readings])
-    error_P3 = np.array([_error(reading.posterior, reading.theta) for reading in readings])
+    plain = [reading for reading in readings if not reading.like_real] or readings
+    weights = weights_of_witnesses(plain)
+    plain, like_real = (
+        [
+            replace(reading, posterior=reading.posterior.weighed(weights.of_network, weights.of_evidence))
+            if reading.posterior.witnesses is not None
+            else reading
+            for reading in some
+        ]
+        for some in (plain, [reading for reading in readings if reading.like_real])
+    )
+    mass_P = np.array([reading.posterior.masses[0] for reading in plain])
+    error_P3 = np.array([_error(reading.posterior, reading.theta) for reading in plain])
     wrong_P = (np.hypot(error_P3[:, 0], error_P3[:, 1]) > WRONG_M) | (np.abs(error_P3[:, 2]) > WRONG_RAD)
     least_mass = least_trusted_mass(mass_P, wrong_P)
-    sure = [reading for reading, mass in zip(readings, mass_P, strict=True) if mass >= least_mass]
+    sure = [reading for reading in like_real or plain if reading.posterior.masses[0] >= least_mass]
     if not sure:
         return replace(weights, least_mass=least_mass)
     likelihoods = [

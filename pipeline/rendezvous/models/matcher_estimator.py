@@ -138,11 +138,16 @@ class MatcherEstimator:
         if not of_walls.any():
             return replace(network, log_p_HYX=tempered).normalised()
         cell_m = self.model.config.coarse_cell_m
-        (walls_0, near_0, floor_0), (walls_1, near_1, floor_1) = evidence.pooled(self.model.config.coarse_factor)
+        (walls_0, near_0, floor_0), (walls_1, near_1, floor_1) = evidence.pooled(
+            self.model.config.coarse_factor
+        )
         lengths = []
         slides = torch.from_numpy(network.xs_m / cell_m).to(self.model.carried_weight)
         slides = slides.expand(1, network.headings_rad.size, -1)
-        for layers_0, layers_1 in (((walls_0, near_0), (near_1, walls_1)), ((walls_0, floor_0), (floor_1, walls_1))):
+        for layers_0, layers_1 in (
+            ((walls_0, near_0), (near_1, walls_1)),
+            ((walls_0, floor_0), (floor_1, walls_1)),
+        ):
             a, b = (self._tensor(np.stack(layers)) for layers in (layers_0, layers_1))
             scores = se2_scores(a, b, self._tensor(network.headings_rad), slides, slides, whole_range=True)
             lengths.append(scores[0].double().cpu().numpy())

@@ -42,7 +42,7 @@ def test_the_part_holds_the_robot_and_reaches_no_farther_than_it_may():
         across_m = np.ptp(known, axis=0)
         assert (across_m > 2.0 * 1.5 * 0.9).all()
         assert (across_m < 2.0 * 1.5 + 0.6).all()
-        assert 0.85 < len(known) * CELL_M**2 / (math.pi * 1.65**2) < 1.1
+        assert 0.85 < len(known) * CELL_M**2 / (math.pi * 1.65**2) < 1.25
 
 
 def test_the_way_leads_along_the_floor_and_walls_beside_it_are_kept():
@@ -66,12 +66,12 @@ def test_a_robot_off_its_floor_keeps_its_map():
 def test_overlap_is_drawn_whatever_it_was_and_the_label_stays():
     grid = _two_rooms()
     pair = MapPair(
-        pair_id="p", grid_0=grid, grid_1=grid, T_m0_m1=SE2.identity(), T_m1_r1=SE2(-1.0, -2.0, 0.0), overlap=1.0,
-        T_m0_r0=SE2(-2.0, -1.0, 0.0),
+        pair_id="p", grid_0=grid, grid_1=grid, overlap=1.0, T_m0_m1=SE2.identity(),
+        T_m0_r0=SE2(-2.0, -1.0, 0.0), T_m1_r1=SE2(-1.0, -2.0, 0.0),
     )  # fmt: skip
     cut = [of_short_visits(pair, ShortVisits(), np.random.default_rng(seed)) for seed in range(12)]
     overlaps = [one.overlap for one in cut]
-    assert min(overlaps) < 0.25
+    assert min(overlaps) < 0.3
     assert max(overlaps) > 0.6
     assert all(replace(one, grid_0=grid, grid_1=grid, overlap=1.0) == pair for one in cut)
     again = of_short_visits(pair, ShortVisits(), np.random.default_rng(3))

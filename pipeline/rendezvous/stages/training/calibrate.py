@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,13 +14,14 @@ from rendezvous.engine.progress import meter
 from rendezvous.errors import ConfigError
 from rendezvous.models.matcher_calibration import CalibrationPair, MatcherCalibration, fitted
 from rendezvous.models.matcher_estimator import MatcherEstimator
-from rendezvous.stages.weights.trained_estimators import load
 from rendezvous.seeds import stream
+from rendezvous.stages.weights.trained_estimators import load
 from rendezvous.store.disk import Disk
 from rendezvous.store.read import StageReader
 from rendezvous.training.checkpoint import read_checkpoint, with_record
 from rendezvous.training.frame_error.augmentation import Augmentation, augmented
 from rendezvous.training.frame_error.pairs import (
+    MapPair,
     PairTable,
     PerturbationRange,
     evaluation_perturbation,
@@ -30,11 +33,13 @@ from rendezvous.training.frame_error.short_visits import ShortVisits, of_short_v
 PAIRS = 400  # enough, spread evenly over the validation split, to measure a coverage to within three points
 _SPLIT = "validation"
 LEAST_PAIRS = 20
-CHANGES = Augmentation(
+MOVED = Augmentation(
     untouched=0.0, furniture=1.0, cut=0.0, bend=0.0, resolution=0.0, rescan=0.0, spurious=0.0, thick=0.0,
     ragged=0.0, patches=0.0, specks=0.0,
 )  # fmt: skip
-"""Between the visits: furniture alone."""
+"""Between two visits furniture moves."""
+LIKE_REAL = replace(MOVED, bend=1.0, bend_m=0.1, thick=0.2, ragged=0.5)
+"""And maps are bent as SLAM bends those of real buildings, by some cells."""
 
 
 def calibrate(
@@ -42,7 +47,8 @@ def calibrate(
 ) -> MatcherCalibration:
     """Write a calibration into the file of a matcher's weights; the weights themselves stay the same.
 
-    Each pair is read twice: as it is, and as after short visits between which furniture was moved.
+    Each pair is read as it is and as after short visits, which says how much to trust what speaks for a peak;
+    and as after short visits with maps like those of real buildings, which says how far errors spread.
 
     Raises:
         StoreError: weights or dataset are missing or damaged.
@@ -58,7 +64,8 @@ def calibrate(
     readings = _readings(estimator, pairs, seed, count, console)
     if len(readings) < LEAST_PAIRS:
         raise ConfigError(
-            f"{dataset}: {len(readings)} readings of validation pairs show both maps; a calibration needs {LEAST_PAIRS}"
+            f"{dataset}: {len(readings)} readings of validation pairs show both maps; a calibration needs "
+            f"{LEAST_PAIRS}"
         )
     calibration = fitted(readings)
     calibrated_on = {"pairs": len(readings), "data": pairs.digest()}
@@ -86,13 +93,21 @@ def _readings(
     with meter("calibrate", total=count, console=console, parts="pairs", rows="pairs") as progress:
         for place in np.linspace(0, len(pairs) - 1, count).round():
             pair = pairs[int(place)]
-            rng = stream(seed, "calibration", pair.pair_id)
-            changed = of_short_visits(augmented(pair, CHANGES, rng), ShortVisits(), rng)
-            for one in (pair, changed):
+            for one, like_real in _versions(pair, seed):
                 perturbation = evaluation_perturbation(pair.pair_id, PerturbationRange(), seed=seed)
                 sample = perturbed_pair(one, perturbation)
                 if sample.window.cells.any(axis=(1, 2)).all():
                     posterior = estimator.posterior(sample.window)
-                    readings.append(CalibrationPair(posterior=posterior, theta=sample.theta_v))
+                    readings.append(
+                        CalibrationPair(posterior=posterior, theta=sample.theta_v, like_real=like_real)
+                    )
             progress.advance(1, made=True)
     return readings
+
+
+def _versions(pair: MapPair, seed: int) -> Iterator[tuple[MapPair, bool]]:
+    """The pair as it is, after short visits, and after such with maps like real ones, which is told."""
+    yield pair, False
+    for name, changes, like_real in (("visits", MOVED, False), ("real", LIKE_REAL, True)):
+        rng = stream(seed, "calibration", pair.pair_id, name)
+        yield of_short_visits(augmented(pair, changes, rng), ShortVisits(), rng), like_real

@@ -1,8 +1,8 @@
 """Pairs of robots that had not come far before they met: each map cut to a part of what its robot explored.
 
-How much two maps overlap depends on the ways that robots happened to take. Here each map keeps what lies within
-reach of a place of its own, which the robot's own place is within reach of too, so that overlap is drawn
-independently of how well the maps fit.
+How much two maps overlap depends on the ways that robots happened to take. Here each map keeps what lies
+within reach of a place of its own, as the robot itself does: overlap is drawn independently of how well the
+maps fit.
 """
 
 from __future__ import annotations
@@ -31,7 +31,9 @@ class ShortVisits:
     def __post_init__(self) -> None:
         low, high = self.reach_m
         if not 0.5 <= low <= high <= 1000.0:
-            raise ConfigError(f"ShortVisits: reach_m is {[low, high]}; must rise from at least 0.5 to at most 1000")
+            raise ConfigError(
+                f"ShortVisits: reach_m is {[low, high]}; must rise from at least 0.5 to at most 1000"
+            )
 
 
 def of_short_visits(pair: MapPair, parameters: ShortVisits, rng: np.random.Generator) -> MapPair:
@@ -42,10 +44,12 @@ def of_short_visits(pair: MapPair, parameters: ShortVisits, rng: np.random.Gener
         explored_part(grid, T_m_r, reach_m=float(np.exp(rng.uniform(low, high))), rng=rng)
         for grid, T_m_r in zip((pair.grid_0, pair.grid_1), robots, strict=True)
     ]
-    return replace(pair, grid_0=grids[0], grid_1=grids[1], overlap=overlap(*grids, pair.T_m0_m1))
+    return replace(pair, grid_0=grids[0], grid_1=grids[1], overlap=overlap(grids[0], grids[1], pair.T_m0_m1))
 
 
-def explored_part(grid: OccupancyGrid, T_m_r: SE2, *, reach_m: float, rng: np.random.Generator) -> OccupancyGrid:
+def explored_part(
+    grid: OccupancyGrid, T_m_r: SE2, *, reach_m: float, rng: np.random.Generator
+) -> OccupancyGrid:
     """What lies within reach, along the floor, of a place drawn uniformly within nine tenths of it from the
     robot."""
     floor = grid.cells == FREE
@@ -79,8 +83,7 @@ def _reached(floor: Mask, start: int, cells: float) -> Mask:
 def _flooded(floor: Mask, start: int, limit: float) -> Cells:
     """(H, W) 1 where floor lies within so many cells of the start, going straight or diagonally by turns.
 
-    Turns of four and of eight neighbours reach an octagon, which no length differs from a circle's by more than
-    a tenth.
+    Turns of four and of eight neighbours reach an octagon, an eighth wider than the circle at most.
     """
     height, width = floor.shape
     out = np.zeros((height, width), np.uint8)
