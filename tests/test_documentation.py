@@ -195,4 +195,4 @@ def test_the_readme_fuses_the_shipped_sighting(tmp_path, monkeypatch, capsys):
     assert numbers(found) == pytest.approx(numbers(console.splitlines()[5]), abs=0.01)
     (example,) = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
     exec(example, {})
-    assert re.fullmatch(r"SE2\(x_m=-4\.81.*\) accepted\n", capsys.readouterr().out)
+    assert re.fullmatch(r"SE2\(x_m=-4\.8.*\) accepted\n", capsys.readouterr().out)
