@@ -33,6 +33,7 @@ from rendezvous.training.frame_error.short_visits import ShortVisits, of_short_v
 PAIRS = 400  # enough, spread evenly over the validation split, to measure a coverage to within three points
 _SPLIT = "validation"
 LEAST_PAIRS = 20
+VERSIONS = 3  # of each pair that are read
 MOVED = Augmentation(
     untouched=0.0, furniture=1.0, cut=0.0, bend=0.0, resolution=0.0, rescan=0.0, spurious=0.0, thick=0.0,
     ragged=0.0, patches=0.0, specks=0.0,
@@ -62,17 +63,17 @@ def calibrate(
     assert isinstance(estimator, MatcherEstimator)
     pairs = read_pairs(StageReader(dataset, "pack"), _SPLIT)
     readings = _readings(estimator, pairs, seed, count, console)
-    if len(readings) < LEAST_PAIRS:
+    count = len(readings) // VERSIONS
+    if count < LEAST_PAIRS:
         raise ConfigError(
-            f"{dataset}: {len(readings)} readings of validation pairs show both maps; a calibration needs "
-            f"{LEAST_PAIRS}"
+            f"{dataset}: {count} validation pairs show both maps; a calibration needs {LEAST_PAIRS}"
         )
     calibration = fitted(readings)
-    calibrated_on = {"pairs": len(readings), "data": pairs.digest()}
+    calibrated_on = {"pairs": count, "data": pairs.digest()}
     disk.write(
         weights.name, with_record(found, calibration=calibration.as_dict(), calibrated_on=calibrated_on)
     )
-    console.print(_summary(calibration, len(readings)), highlight=False)
+    console.print(_summary(calibration, count), highlight=False)
     return calibration
 
 

@@ -78,6 +78,14 @@ class RememberingMatcher(MatcherEstimator):
         return found
 
 
+def _calibration(told: Any) -> MatcherCalibration:
+    """The matcher's calibration; one of before 0.3.0 knows nothing of the maps' agreement."""
+    if isinstance(told, dict) and "sharpness" in told and "of_evidence" not in told:
+        default = MatcherCalibration()
+        told = {**told, "of_network": default.of_network, "of_evidence": list(default.of_evidence)}
+    return MatcherCalibration.from_dict(told)
+
+
 def load(data: bytes, name: str, search: SearchRange, *, where: str, threads: int) -> Trained:
     """The trained method with these weights.
 
@@ -95,9 +103,7 @@ def load(data: bytes, name: str, search: SearchRange, *, where: str, threads: in
     with _whole_record(where):
         with torch.device("meta"):  # what the record claims may be larger than the memory
             claimed = rebuilt_model(kind, record["network"], sampling)
-        calibration = MatcherCalibration.from_dict(
-            {**MatcherCalibration().as_dict(), **record.get("calibration", {})}
-        )
+        calibration = _calibration(record.get("calibration", MatcherCalibration().as_dict()))
     require_fit(claimed, _averaged(found), where=where)
     model = rebuilt_model(kind, record["network"], sampling)
     _fill_in_place(model, found, where=where)
